@@ -20,12 +20,12 @@ The classes and functions of the package `voxelastic`, in the order in which one
 """
 
 ORDER = [
-    *("Mapper", "ScanReport", "Map", "Mesh", "Query", "State", "RayHits", "Slice", "Path", "Submap", "Blocks", "Dataset", "Scan", "Edge", "PoseUpdate"),
+    *("Mapper", "ScanReport", "Map", "Mesh", "Query", "State", "RayHits", "Slice", "Path", "Submap", "SubmapChanges", "Merged", "Blocks", "Dataset", "Scan", "Edge", "PoseUpdate"),
     *("Odometry", "OdometryReport", "Trajectory", "Localiser", "Location", "Simulation", "TrajectoryErrors", "Settings"),
 ]
 FUNCTIONS = ["odometry", "evaluate", "trajectory_errors", "limit_memory"]
 ERRORS = ["Error", "SettingError", "RefusedError", "FileError", "PlanError", "RunWarning"]
-ALIASES = ["Pose", "Event", "Surface", "Progress"]
+ALIASES = ["Points", "Pose", "Event", "Surface", "Progress"]
 
 
 def definitions() -> tuple[dict[str, ast.ClassDef], dict[str, ast.FunctionDef], dict[str, tuple[str, str]]]:

@@ -18,6 +18,7 @@ HEAD = '''"""The settings of the mapper. Written by generate_settings.py: do not
 from __future__ import annotations
 
 import dataclasses
+import numbers
 from typing import TYPE_CHECKING, Any, Literal, TypedDict
 
 from . import _native
@@ -42,6 +43,7 @@ class Settings:
     Lengths are metres and angles degrees. `Settings(voxel_size=0.1).replace(max_range=30)` changes some of them.
 
     Raises:
+        TypeError: A value is of another type: text instead of a number, or a number with a fraction instead of a whole one.
         SettingError: A value is out of range, or settings contradict each other.
     """
 
@@ -49,6 +51,8 @@ class Settings:
 
 TAIL = '''
     def __post_init__(self) -> None:
+        for field in dataclasses.fields(self):
+            object.__setattr__(self, field.name, _of_type(field.name, str(field.type), getattr(self, field.name)))
         _native.complete_settings(self.as_text())
 
     def __repr__(self) -> str:
@@ -80,6 +84,24 @@ TAIL = '''
             # Refused, with the name that may be meant.
             _native.complete_settings({name: str(changes[name]) for name in unknown})
         return dataclasses.replace(self, **changes)
+
+
+def _of_type(name: str, kind: str, value: Any) -> Any:
+    """The value of a setting as the type that it is annotated with."""
+    is_whole, is_number = (isinstance(value, which) and not isinstance(value, bool) for which in (numbers.Integral, numbers.Real))
+    match kind:
+        case "int" if is_whole:
+            return int(value)
+        case "float" if is_number:
+            return value if isinstance(value, int | float) else float(value)
+        case "str | float" if is_number:
+            return str(int(value) if is_whole else float(value))
+        case "str | float" | "str" if isinstance(value, str):
+            return value
+        case _ if kind.startswith("Literal") and isinstance(value, str):
+            return value
+    expected = {"int": "a whole number (int)", "float": "a number (float)", "str": "text (str)", "str | float": "a number (float) or text (str)"}
+    raise TypeError(f"{name}: expected {expected.get(kind, 'text (str)')}, not {value!r} of type {type(value).__name__}")
 '''
 
 
@@ -96,7 +118,7 @@ def table() -> list[tuple[str, str, str, str, bool, str]]:
 
 
 def type_of(kind: str) -> str:
-    return kind if kind in ("float", "int", "str") else f"Literal[{', '.join(repr(word) for word in kind.split('|'))}]".replace("'", '"')
+    return kind if kind in ("float", "int", "str", "str | float") else f"Literal[{', '.join(repr(word) for word in kind.split('|'))}]".replace("'", '"')
 
 
 def value_of(kind: str, default: str) -> str:

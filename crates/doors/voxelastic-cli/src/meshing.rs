@@ -10,6 +10,7 @@ use voxelastic::atlas::{Atlas, SubmapId};
 use voxelastic::meshing::SurfaceTiles;
 use voxelastic::surface::{MeshOptions, OccupancySurface, SmallComponents};
 use voxelastic_eval::colour::{Ramp, Rgb, palette};
+pub use voxelastic_run::export::tiles::height_range;
 use voxelastic_run::map_files::{self, LoadedMap};
 use voxelastic_run::surfaces::{self, MapMesh, SurfaceOptions};
 use voxelastic_run::{Warnings, threads};
@@ -217,15 +218,6 @@ pub fn map_mesh(atlas: &Atlas, surface: &SurfaceArgs, layers: LayerArgs) -> anyh
 pub fn surface_tiles(atlas: Atlas, surface: &SurfaceArgs) -> anyhow::Result<SurfaceTiles<Atlas>> {
     let tiles = surfaces::tiles(atlas, &surface.options(LayerArgs::default()), &mut Warnings::default())?;
     if tiles.is_empty() { Err(surface.empty_error()) } else { Ok(tiles) }
-}
-
-/// Range of the height colours, metres: the 1st and 99th percentiles, so that outliers do not matter.
-pub fn height_range(positions: &[[f32; 3]]) -> (f32, f32) {
-    let mut heights: Vec<f32> = positions.iter().map(|p| p[2]).filter(|z| z.is_finite()).collect();
-    heights.sort_unstable_by(f32::total_cmp);
-    let at = |share: f64| heights.get(((heights.len().saturating_sub(1)) as f64 * share).round() as usize).copied().unwrap_or(0.0);
-    let (low, high) = (at(0.01), at(0.99));
-    (low, high.max(low + 0.01))
 }
 
 /// The default colouring: the colours of the scans if there are any, else height.

@@ -1,7 +1,8 @@
 //! Scans and poses of folders and recordings, as events.
 
+use crate::arrays::Channels;
 use crate::{arrays, errors, job};
-use numpy::{PyArray1, PyArray2, PyReadonlyArray1};
+use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::types::PyTuple;
 use pyo3::{Bound, IntoPyObject, Py, PyAny, PyResult, Python, pyclass, pymethods};
@@ -30,12 +31,21 @@ pub struct Events {
     setup: Option<Arc<OdometrySetup>>,
 }
 
-/// A scan of a data set or a simulation.
+/// A scan of a data set or a simulation, or one made of arrays.
 #[pyclass(frozen, module = "voxelastic._native")]
 pub struct Scan {
     scan: Arc<CoreScan>,
-    /// How it is to be registered, and the samples of an inertial measurement unit, if it has no pose.
-    raw: Option<(Arc<OdometrySetup>, Vec<ImuSample>)>,
+    /// If it has no pose.
+    raw: Option<Raw>,
+}
+
+/// What a scan without a pose comes with.
+#[derive(Clone, Default)]
+struct Raw {
+    /// How it is to be registered; none where the data do not say.
+    setup: Option<Arc<OdometrySetup>>,
+    /// Samples of an inertial measurement unit.
+    imu: Vec<ImuSample>,
 }
 
 /// An event: its kind, and a scan, or two nodes with a 4 x 4 matrix, or a list of nodes with such matrices, or what is wrong with a scan.
@@ -132,7 +142,7 @@ impl Events {
         let input = job::run_short(py, || inputs.lock().unwrap_or_else(PoisonError::into_inner).next())?;
         let found = input.map(|input| match input {
             Input::RawScan(RawScan { node, time, cloud, imu }, _) => {
-                let raw = self.setup.clone().map(|setup| (setup, imu));
+                let raw = Some(Raw { setup: self.setup.clone(), imu });
                 let scan = Scan { scan: Arc::new(CoreScan { node, time, t_map_lidar: Pose::identity(), cloud }), raw };
                 Ok(("scan", Py::new(py, scan)?.into_bound(py).into_any()))
             }
@@ -178,6 +188,37 @@ pub fn item<'py>(py: Python<'py>, event: Event) -> PyResult<Item<'py>> {
 
 #[pymethods]
 impl Scan {
+    /// A scan of arrays. Of `before`, if it is that with changes, stays what arrays do not tell: which sensor it is of, how it is registered, and, if wanted, its
+    /// motion.
+    #[staticmethod]
+    #[expect(clippy::too_many_arguments, reason = "called by name from Python only")]
+    fn of(
+        node: NodeId,
+        time: f64,
+        pose: Option<PyReadonlyArray1<'_, f64>>,
+        points: PyReadonlyArray2<'_, f32>,
+        rows: usize,
+        channels: Channels<'_>,
+        before: Option<&Self>,
+        keeps_motion: bool,
+    ) -> PyResult<Self> {
+        let mut cloud = arrays::cloud(&points, rows, channels)?;
+        if let Some(before) = before.map(|before| &before.scan.cloud) {
+            cloud.sensor = before.sensor;
+            if keeps_motion {
+                cloud.motion.clone_from(&before.motion);
+            }
+        }
+        let raw = pose.is_none().then(|| before.and_then(|before| before.raw.clone()).unwrap_or_default());
+        let t_map_lidar = pose.as_ref().map_or_else(|| Ok(Pose::identity()), arrays::pose)?;
+        Ok(Self { scan: Arc::new(CoreScan { node, time, t_map_lidar, cloud }), raw })
+    }
+
+    /// x, y, z, qx, qy, qz, qw of its pose, if it has one, to the last bit.
+    fn exact_pose<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArray1<f64>>> {
+        self.raw.is_none().then(|| PyArray1::from_slice(py, &arrays::numbers_of_pose(&self.scan.t_map_lidar)))
+    }
+
     /// Its node, time stamp in seconds, and pose as a 4 x 4 matrix, if it has one.
     fn stamp(&self) -> (NodeId, f64, Option<[[f64; 4]; 4]>) {
         (self.scan.node, self.scan.time, self.raw.is_none().then(|| arrays::matrix_of_pose(&self.scan.t_map_lidar)))
@@ -220,14 +261,14 @@ impl Scan {
         Self { scan: Arc::new(scan), raw: None }
     }
 
-    /// The scan for a mapper, and how it is to be registered, if it has no pose.
-    pub fn input(&self) -> (Input, Option<Arc<OdometrySetup>>) {
-        let scan = (*self.scan).clone();
+    /// The scan for a mapper as that of `node` at `time`, and how it is to be registered, if it has no pose and the data say so.
+    pub fn input(&self, node: NodeId, time: f64) -> (Input, Option<Arc<OdometrySetup>>) {
+        let scan = CoreScan { node, time, ..(*self.scan).clone() };
         match &self.raw {
             None => (Input::Event(Event::Scan(scan)), None),
-            Some((setup, imu)) => {
-                let name = format!("of node {}", scan.node);
-                (Input::RawScan(RawScan { node: scan.node, time: scan.time, cloud: scan.cloud, imu: imu.clone() }, name), Some(Arc::clone(setup)))
+            Some(Raw { setup, imu }) => {
+                let raw = RawScan { node, time, cloud: scan.cloud, imu: imu.clone() };
+                (Input::RawScan(raw, format!("of node {node}")), setup.clone())
             }
         }
     }

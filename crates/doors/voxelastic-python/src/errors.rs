@@ -61,7 +61,8 @@ pub fn run(py: Python<'_>, error: &voxelastic_run::Error) -> PyErr {
 
 /// What happened, and what helps, if that is no flag of the command.
 pub fn said(text: &str, remedy: &str) -> String {
-    if remedy.is_empty() || remedy.contains("--") || remedy.contains("`voxelastic") { text.to_owned() } else { format!("{text}; {remedy}") }
+    let text = text.replace(" (--field)", "");
+    if remedy.is_empty() || remedy.contains("--") || remedy.contains("`voxelastic") { text } else { format!("{text}; {remedy}") }
 }
 
 /// The exception for a panic: a bug.

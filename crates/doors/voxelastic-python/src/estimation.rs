@@ -7,7 +7,7 @@ use pyo3::{PyErr, PyResult, Python, pyclass, pymethods};
 use std::sync::{Arc, Mutex};
 use voxelastic::Cloud;
 use voxelastic::surface::MeshOptions;
-use voxelastic_slam::loops::{LocaliserSettings, Whereabouts};
+use voxelastic_slam::loops::{LocaliserSettings, Located, Whereabouts};
 use voxelastic_slam::odometry::{OdometrySettings, Status};
 
 /// Poses of scans, one after the other.
@@ -65,8 +65,8 @@ pub struct Localiser {
     inner: Arc<Mutex<voxelastic_slam::loops::Localiser>>,
 }
 
-/// Pose, whether it is certain, overlap, contradiction.
-type Location = ([[f64; 4]; 4], bool, f64, f64);
+/// Pose, whether it is certain, overlap, contradiction, spread in metres, information.
+type Location = ([[f64; 4]; 4], bool, f64, f64, f64, Option<[[f64; 6]; 6]>);
 
 #[pymethods]
 impl Localiser {
@@ -84,7 +84,7 @@ impl Localiser {
         Ok(job::run(py, prepare)?.map(|localiser| Self { inner: Arc::new(Mutex::new(localiser)) }))
     }
 
-    /// The pose of a scan; none if it has no returns or fits nowhere. `guess`: a position, and a distance from it in metres.
+    /// The poses of a scan, the best first; none if it has no returns or fits nowhere. `guess`: a position, and a distance from it in metres.
     fn locate(
         &self,
         py: Python<'_>,
@@ -92,15 +92,19 @@ impl Localiser {
         rows: usize,
         times: Option<PyReadonlyArray1<'_, f32>>,
         guess: Option<([f64; 3], f64)>,
-    ) -> PyResult<Option<Location>> {
+    ) -> PyResult<Vec<Location>> {
         let (cloud, inner, pool) = (cloud(&points, rows, times)?, Arc::clone(&self.inner), job::shared_pool()?);
         let locate = move || -> PyResult<_> {
             let mut inner = inner.lock().map_err(|_| broken())?;
             let localiser = &mut *inner;
-            Ok(pool.install(|| localiser.locate(&cloud, guess.map(|(at, within)| Whereabouts { position: at.into(), within, yaw: None }))))
+            Ok(pool.install(|| localiser.locate_all(&cloud, guess.map(|(at, within)| Whereabouts { position: at.into(), within, yaw: None }))))
         };
         let found = job::run(py, locate)??;
-        Ok(found.map(|found| (arrays::matrix_of_pose(&found.t_map_lidar), found.is_certain, found.overlap, found.contradiction)))
+        let location = |found: &Located| {
+            let information = found.information.map(|matrix| std::array::from_fn(|i| std::array::from_fn(|j| matrix[(i, j)])));
+            (arrays::matrix_of_pose(&found.t_map_lidar), found.is_certain, found.overlap, found.contradiction, found.spread, information)
+        };
+        Ok(found.iter().map(location).collect())
     }
 }
 

@@ -44,6 +44,34 @@ pub fn limit_memory(py: Python<'_>, size: &str, folder: Option<PathBuf>) -> PyRe
     voxelastic::memory::limit(bytes, folder.as_deref()).map_err(|error| refused(error.to_string()))
 }
 
+/// Size of a piece of memory, bytes, that comes from the memory of a thread and is large enough that the C library tidies that up when it is freed.
+const TIDIED_UP: usize = 100 << 10;
+
+/// Allocates and frees in every thread of the shared pool, and in new ones, which take over the memory of those that ended: the C library keeps memory for each thread,
+/// and looks whether it is too much only when something is freed there.
+#[pyfunction]
+pub fn free_in_every_thread(py: Python<'_>) -> PyResult<()> {
+    let allocate_and_free = || drop(std::hint::black_box(Vec::<u8>::with_capacity(TIDIED_UP)));
+    let pool = shared_pool()?;
+    run_short(py, || {
+        pool.broadcast(|_| allocate_and_free());
+        let gate = Mutex::new(());
+        std::thread::scope(|scope| {
+            let wait = || {
+                allocate_and_free();
+                drop(gate.lock());
+            };
+            // While all of them wait, each has memory of its own.
+            let closed = gate.lock();
+            for _ in 0..pool.current_num_threads() + 2 {
+                // Where the system gives no more threads, some memory stays.
+                let _ = std::thread::Builder::new().spawn_scoped(scope, wait);
+            }
+            drop(closed);
+        });
+    })
+}
+
 /// The pool in which maps are opened, meshed and queried, with a thread per core, or as many as [`use_threads`] says. A process that was forked gets one of its
 /// own: threads are not forked.
 pub fn shared_pool() -> PyResult<Arc<ThreadPool>> {

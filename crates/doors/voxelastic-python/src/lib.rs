@@ -5,14 +5,18 @@
 
 mod arrays;
 mod command;
+mod crossing;
 mod dataset;
 mod errors;
 mod estimation;
 mod evaluation;
+mod export;
 mod fleet;
 mod job;
+mod joining;
 mod map;
 mod mapper;
+mod rays;
 mod settings;
 mod simulation;
 mod space;
@@ -31,19 +35,25 @@ mod _native {
     #[pymodule_export]
     use crate::evaluation::{compare_surfaces, mesh_distances, trajectory_errors};
     #[pymodule_export]
+    use crate::export::export;
+    #[pymodule_export]
     use crate::fleet::{
         Splitter, alike_places, cells_of_box, finish_tiles, join_manifests, optimise_graph, unpack_scans, verify_places, write_tiles,
     };
     #[pymodule_export]
-    use crate::job::{limit_memory, use_threads};
+    use crate::job::{free_in_every_thread, limit_memory, use_threads};
+    #[pymodule_export]
+    use crate::joining::merge_into;
     #[pymodule_export]
     use crate::map::{Map, write_mesh};
     #[pymodule_export]
     use crate::mapper::Mapper;
     #[pymodule_export]
+    use crate::rays::ray_cast;
+    #[pymodule_export]
     use crate::settings::{complete_settings, settings_table};
     #[pymodule_export]
     use crate::simulation::{Simulation, world_names};
     #[pymodule_export]
-    use crate::space::{beam_directions, clearance, esdf, plan, ray_cast, slice};
+    use crate::space::{beam_directions, clearance, esdf, plan, slice};
 }

@@ -8,16 +8,19 @@ use pyo3::{Bound, PyAny, PyResult, Python, pyclass, pyfunction, pymethods};
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 use voxelastic::Settings;
-use voxelastic::atlas::Atlas;
+use voxelastic::atlas::{Atlas, Submap};
 use voxelastic::field::occupancy::State;
 use voxelastic::field::tsdf::{TsdfField, WEIGHT_ONE};
 use voxelastic::geometry::{Aabb, Rigid};
 use voxelastic::octree::{BLOCK_EDGE, SCALES, block_coords};
 use voxelastic::query::{AtlasQuery, DistanceQuery};
-use voxelastic::surface::{Mesh, MeshOptions, OccupancySurface, extract_occupancy};
+use voxelastic::surface::{Mesh, MeshOptions, OccupancySurface, extract_occupancy, extract_onto};
+use voxelastic_esdf::{EsdfError, EsdfSettings, LocalEsdf};
 use voxelastic_io::Origin;
 use voxelastic_io::mesh_io::{self, MeshRef};
-use voxelastic_io::store::{MapDetails, MapStore, MapWriter};
+use voxelastic_io::store::{MapDetails, MapStore, MapWriter, SessionEntry};
+use voxelastic_run::surfaces::{self, SurfaceOptions};
+use voxelastic_run::{Warnings, joining, precision};
 
 /// Points queried between two looks for Ctrl-C.
 const QUERIES_AT_ONCE: usize = 1 << 20;
@@ -39,7 +42,17 @@ pub struct Content {
     pub sensor: Option<String>,
     /// Where coordinates are counted from; zero unless the command made the map of poses far from zero.
     pub origin: Origin,
+    /// Its sessions, if it was saved.
+    pub sessions: Vec<SessionEntry>,
+    /// What was made of distance fields, by their settings: of those asked for last.
+    distance_fields: Mutex<Vec<(EsdfSettings, DistanceField)>>,
 }
+
+/// A distance field around the points that it was asked about.
+type DistanceField = Arc<Mutex<LocalEsdf>>;
+
+/// Distance fields that a map keeps.
+const FIELDS_KEPT: usize = 2;
 
 impl From<Content> for Map {
     fn from(content: Content) -> Self {
@@ -48,26 +61,39 @@ impl From<Content> for Map {
 }
 
 impl Content {
-    /// The surface of a kind, in the map frame. `surface` is `measured`, `occupied`, `free` or `frontier`.
-    fn mesh(&self, surface: &str, options: &MeshOptions, shells: bool) -> Mesh {
-        let kind = match surface {
+    /// A map of these submaps.
+    pub fn new(atlas: Atlas, settings: Settings, sensor: Option<String>, origin: Origin) -> Self {
+        Self { atlas, settings, sensor, origin, sessions: Vec::new(), distance_fields: Mutex::default() }
+    }
+
+    /// The distance field of these settings, which is kept for the next points.
+    pub fn distance_field(&self, settings: EsdfSettings) -> Result<DistanceField, EsdfError> {
+        let mut fields = self.distance_fields.lock().unwrap_or_else(PoisonError::into_inner);
+        let at = fields.iter().position(|(of, _)| *of == settings);
+        let field = match at.map(|at| fields.remove(at)) {
+            Some((_, field)) => field,
+            None => Arc::new(Mutex::new(LocalEsdf::new(settings, self.atlas.voxel_size())?)),
+        };
+        fields.truncate(FIELDS_KEPT - 1);
+        fields.insert(0, (settings, Arc::clone(&field)));
+        Ok(field)
+    }
+
+    /// The surface of a kind, in the map frame, of one submap or of all. `surface` is `measured`, `occupied`, `free` or `frontier`.
+    pub fn mesh(&self, surface: &str, mesh: &MeshOptions, unfused: bool, only: Option<u32>) -> voxelastic_run::Result<Mesh> {
+        let occupancy = match surface {
             "occupied" => Some(OccupancySurface::Occupied),
             "free" => Some(OccupancySurface::FreeHull),
             "frontier" => Some(OccupancySurface::Frontier),
-            _ => self.atlas.tsdfs().is_empty().then_some(OccupancySurface::Occupied),
+            _ => None,
         };
-        match kind {
-            Some(kind) => {
-                let mut mesh = Mesh::default();
-                for submap in self.atlas.submaps() {
-                    let part = extract_occupancy(submap.occupancy(), self.atlas.voxel_size(), kind, options.lod);
-                    mesh.append(&part, &Rigid::from(&submap.t_map_submap()));
-                }
-                mesh
-            }
-            None if shells => self.atlas.unfused_mesh(options),
-            None => self.atlas.mesh(options),
-        }
+        let options = SurfaceOptions { occupancy, mesh: mesh.clone(), unfused };
+        let Some(id) = only else { return Ok(surfaces::of_map(&self.atlas, &options, &mut Warnings::default())?.mesh) };
+        precision::check(&self.atlas, self.atlas.voxel_size(), &mut Warnings::default())?;
+        let Some(submap) = self.atlas.submap(id) else { return Ok(Mesh::default()) };
+        let mut mesh = options.extract(submap);
+        mesh.transform(&Rigid::from(&submap.t_map_submap()));
+        Ok(mesh)
     }
 
     fn bounds(&self) -> Option<Aabb> {
@@ -84,10 +110,10 @@ impl Content {
 
 #[pymethods]
 impl Map {
-    /// Closes the map: its memory is free when no call uses it any more.
-    fn close(&self, py: Python<'_>) {
+    /// Closes the map: its memory is free when no call uses it any more. Whether that is now.
+    fn close(&self, py: Python<'_>) -> bool {
         let content = self.content.lock().unwrap_or_else(PoisonError::into_inner).take();
-        py.detach(|| drop(content));
+        py.detach(|| content.and_then(Arc::into_inner).is_some())
     }
 
     /// Another map of the same memory: each is closed by itself.
@@ -111,17 +137,17 @@ impl Map {
             let origin = details.origin().map_err(str::to_owned);
             let atlas = store.load_atlas()?;
             let atlas = if keep_vanished { atlas } else { store.without_vanished(atlas, &stored.settings).0 };
-            Ok(Some((atlas, stored, details.sensor.get("description").cloned(), origin)))
+            Ok(Some((atlas, stored, details.sensor.get("description").cloned(), origin, joining::listed_sessions(&store))))
         };
         let opened = job::run(py, move || pool.install(load))?;
-        let Some((atlas, stored, sensor, origin)) = opened.map_err(|e| errors::file(py, &e))? else {
+        let Some((atlas, stored, sensor, origin, sessions)) = opened.map_err(|e| errors::file(py, &e))? else {
             return Err(errors::Kind::File.exception(py, "the manifest of the map does not contain the voxel size; map the data again".to_owned()));
         };
         let damaged = |words: String| errors::Kind::File.exception(py, format!("the manifest of the map has an origin that is none: {words:?}"));
         let origin = origin.map_err(damaged)?;
         let remarks: Vec<String> =
             stored.refused.iter().map(|problem| format!("the map has a setting that this version does not know: {problem}")).collect();
-        Ok((Content { atlas, settings: stored.settings, sensor, origin }.into(), remarks))
+        Ok((Content { sessions, ..Content::new(atlas, stored.settings, sensor, origin) }.into(), remarks))
     }
 
     /// Saves the map to a directory. A save that has begun is completed.
@@ -139,7 +165,7 @@ impl Map {
         let Content { atlas, settings, sensor, .. } = &*content;
         let submaps = (first..).zip(atlas.submaps()).map(|(id, submap)| submap.clone().with_id(id)).collect();
         let atlas = Atlas::from_submaps(atlas.voxel_size(), submaps);
-        Ok(Content { atlas, settings: settings.clone(), sensor: sensor.clone(), origin }.into())
+        Ok(Content::new(atlas, settings.clone(), sensor.clone(), origin).into())
     }
 
     /// The settings that it was made with, as text.
@@ -168,17 +194,15 @@ impl Map {
         Ok((!content.atlas.tsdfs().is_empty(), !content.atlas.query().is_empty()))
     }
 
-    /// Each submap: identifier, the pose in the map frame as a 4 x 4 matrix, its nodes.
+    /// Each submap: identifier, the pose in the map frame as a 4 x 4 matrix, its nodes, the number of changes.
     fn submaps(&self) -> PyResult<Vec<SubmapFields>> {
-        let content = self.content()?;
-        let nodes = |submap: &voxelastic::atlas::Submap| submap.scans().iter().map(|scan| scan.node).collect();
-        Ok(content.atlas.submaps().iter().map(|submap| (submap.id(), arrays::matrix_of_pose(&submap.t_map_submap()), nodes(submap))).collect())
+        Ok(submaps_of(&self.content()?.atlas))
     }
 
     /// The nodes of the map with the present poses of their scans, 4 x 4.
     fn poses(&self) -> PyResult<Vec<(u64, [[f64; 4]; 4])>> {
         let content = self.content()?;
-        let of = |submap: &voxelastic::atlas::Submap| {
+        let of = |submap: &Submap| {
             let t_map_submap = submap.t_map_submap();
             submap.corrected_scans().map(|(node, t)| (node, arrays::matrix_of_pose(&content.origin.to_map(t_map_submap * t)))).collect::<Vec<_>>()
         };
@@ -203,12 +227,13 @@ impl Map {
         min_weight: f32,
         close_gaps: bool,
         keep_all: bool,
-        shells: bool,
+        unfused: bool,
+        submap: Option<u32>,
     ) -> PyResult<Bound<'py, PyTuple>> {
         let content = self.content()?;
         let options = MeshOptions { min_weight, lod, close_gaps, keep_all };
         let pool = job::shared_pool()?;
-        let mesh = job::run(py, move || pool.install(|| content.mesh(&surface, &options, shells)))?;
+        let mesh = job::run(py, move || pool.install(|| content.mesh(&surface, &options, unfused, submap)))?.map_err(|e| errors::run(py, &e))?;
         // There are fewer than 2^31 vertices, and few programs take unsigned indices.
         let triangles: Vec<[i32; 3]> = bytemuck::allocation::cast_vec(mesh.triangles);
         let optional = |is_empty: bool, array: Bound<'py, PyAny>| if is_empty { py.None().into_bound(py) } else { array };
@@ -288,8 +313,14 @@ pub fn write_mesh(
     job::run_short(py, || mesh_io::write(&path, &mesh))?.map_err(|e| errors::file(py, &e))
 }
 
-/// Identifier, pose, nodes.
-type SubmapFields = (u32, [[f64; 4]; 4], Vec<u64>);
+/// Identifier, pose, nodes, number of changes.
+pub type SubmapFields = (u32, [[f64; 4]; 4], Vec<u64>, u64);
+
+/// The submaps of an atlas.
+pub fn submaps_of(atlas: &Atlas) -> Vec<SubmapFields> {
+    let nodes = |submap: &Submap| submap.scans().iter().map(|scan| scan.node).collect();
+    atlas.submaps().iter().map(|submap| (submap.id(), arrays::matrix_of_pose(&submap.t_map_submap()), nodes(submap), submap.revision())).collect()
+}
 
 /// Scale, coordinates, distances, weights.
 type BlockArrays<'py> = (usize, Bound<'py, PyArray2<i32>>, Bound<'py, PyArray1<f32>>, Bound<'py, PyArray1<f32>>);

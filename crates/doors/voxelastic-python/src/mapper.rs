@@ -1,7 +1,8 @@
 //! The mapper: scans, edges and corrections in, a map out.
 
+use crate::arrays::Channels;
 use crate::dataset::{Dataset, Events, Scan as DatasetScan};
-use crate::map::{Content, Map};
+use crate::map::{Content, Map, SubmapFields, submaps_of};
 use crate::{arrays, errors, job, settings};
 use numpy::{PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
@@ -9,9 +10,10 @@ use pyo3::{Bound, PyErr, PyResult, Python, pyclass, pymethods};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
+use voxelastic::atlas::Atlas;
 use voxelastic::event::{Edge, Event, NodeId, Scan};
 use voxelastic::mapper::{Assignment, IdleTask, ScanReport};
-use voxelastic::{Cloud, Motion, Pose, Settings};
+use voxelastic::{Cloud, Pose, Settings};
 use voxelastic_io::{Keyframing, OpenOptions, Origin};
 use voxelastic_run::keep::{CheckpointEvery, Comes, Identity, Resume, SaveOptions, Target};
 use voxelastic_run::poses::{Motions, OdometrySetup, OdometryStage, Poses};
@@ -32,9 +34,6 @@ pub struct Mapper {
 
 /// Node, submap, how it was chosen, usable returns, pose as a 4 x 4 matrix.
 type Report = (u64, u32, &'static str, usize, [[f64; 4]; 4]);
-
-/// Times of a motion in seconds after the time stamp, and seven numbers for each pose.
-type MotionSamples<'py> = (Vec<f32>, Vec<PyReadonlyArray1<'py, f64>>);
 
 #[pymethods]
 impl Mapper {
@@ -105,24 +104,9 @@ impl Mapper {
         time: f64,
         points: PyReadonlyArray2<'_, f32>,
         rows: usize,
-        intensity: Option<PyReadonlyArray1<'_, f32>>,
-        colours: Option<PyReadonlyArray2<'_, u8>>,
-        ring: Option<PyReadonlyArray1<'_, u16>>,
-        times: Option<PyReadonlyArray1<'_, f32>>,
-        motion: Option<MotionSamples<'_>>,
+        channels: Channels<'_>,
     ) -> PyResult<Report> {
-        let points = arrays::rows(&points)?.to_vec();
-        let cloud = Cloud {
-            width: points.len() / rows.max(1),
-            height: rows,
-            points,
-            intensity: arrays::numbers(intensity)?,
-            colours: colours.map(|colours| Ok::<_, PyErr>(arrays::rows(&colours)?.to_vec())).transpose()?,
-            ring: arrays::numbers(ring)?,
-            time: arrays::numbers(times)?,
-            motion: motion.as_ref().map(motion_through).transpose()?,
-            sensor: 0,
-        };
+        let cloud = arrays::cloud(&points, rows, channels)?;
         let input = match pose {
             Some(pose) => Input::Event(Event::Scan(Scan { node, time, t_map_lidar: arrays::pose(&pose)?, cloud })),
             None => Input::RawScan(RawScan { node, time, cloud, imu: Vec::new() }, format!("of node {node}")),
@@ -131,9 +115,9 @@ impl Mapper {
         report.ok_or_else(|| errors::bug(&"a scan without a report"))
     }
 
-    /// Integrates a scan of a data set. None: it has no pose, was registered, and is not to be mapped.
-    fn integrate_scan(&self, py: Python<'_>, scan: &DatasetScan) -> PyResult<Option<Report>> {
-        let (input, setup) = scan.input();
+    /// Integrates a scan as that of `node` at `time`. None: it has no pose, was registered, and is not to be mapped.
+    fn integrate_scan(&self, py: Python<'_>, scan: &DatasetScan, node: NodeId, time: f64) -> PyResult<Option<Report>> {
+        let (input, setup) = scan.input(node, time);
         self.handle(py, input, setup)
     }
 
@@ -214,21 +198,29 @@ impl Mapper {
         self.settings.pairs()
     }
 
-    /// A copy of the present map.
-    fn snapshot(&self, py: Python<'_>) -> PyResult<Map> {
-        let copy = |run: &mut MappingRun| {
-            let mapper = run.mapping().mapper();
-            (mapper.atlas().clone(), mapper.sensor().map(str::to_owned), run.origin())
-        };
-        let (atlas, sensor, origin) = self.with(py, copy)?;
-        Ok(Content { atlas, settings: self.settings.clone(), sensor, origin }.into())
+    /// The submaps of the present map.
+    fn submaps(&self, py: Python<'_>) -> PyResult<Vec<SubmapFields>> {
+        self.with(py, |run| submaps_of(run.mapping().mapper().atlas()))
     }
 
-    /// Frees the map; nothing if it was handed over.
-    fn close(&self, py: Python<'_>) {
-        if std::process::id() == self.process {
-            py.detach(|| drop(self.run.lock().unwrap_or_else(PoisonError::into_inner).take()));
-        }
+    /// A copy of the present map, or of some of its submaps.
+    fn snapshot(&self, py: Python<'_>, only: Option<Vec<u32>>) -> PyResult<Map> {
+        let copy = |run: &mut MappingRun| {
+            let mapper = run.mapping().mapper();
+            let atlas = mapper.atlas();
+            let some = |only: &Vec<u32>| {
+                let submaps = atlas.submaps().iter().filter(|submap| only.contains(&submap.id())).cloned().collect();
+                Atlas::from_submaps(atlas.voxel_size(), submaps)
+            };
+            (only.as_ref().map_or_else(|| atlas.clone(), some), mapper.sensor().map(str::to_owned), run.origin())
+        };
+        let (atlas, sensor, origin) = self.with(py, copy)?;
+        Ok(Content::new(atlas, self.settings.clone(), sensor, origin).into())
+    }
+
+    /// Frees the map. False if it was handed over.
+    fn close(&self, py: Python<'_>) -> bool {
+        std::process::id() == self.process && py.detach(|| self.run.lock().unwrap_or_else(PoisonError::into_inner).take().is_some())
     }
 
     /// Completes the map, saves it if it is kept on disk, and hands it over, with what was said meanwhile: codes and texts.
@@ -270,12 +262,13 @@ impl Mapper {
     /// Gives the run an input: what became of the last scan that was integrated by that. A scan without a pose is registered as `setup` says.
     fn handle(&self, py: Python<'_>, input: Input, setup: Option<Arc<OdometrySetup>>) -> PyResult<Option<Report>> {
         self.know_setup(setup);
-        let (Taken { integrated, refused }, origin) = self.with(py, |run| {
+        let (Taken { integrated, refused }, origin, nothing) = self.with(py, |run| {
+            let nothing = without_returns(&input);
             let taken = run.take(input, &mut ());
             run.keep(false);
-            (taken, run.origin())
+            (taken, run.origin(), nothing)
         })?;
-        match refused.into_iter().next() {
+        match nothing.filter(|_| !refused.is_empty()).or_else(|| refused.into_iter().next()) {
             Some(problem) => Err(errors::Kind::Refused.exception(py, problem)),
             None => Ok(integrated.last().map(|integrated| summary(integrated, origin))),
         }
@@ -290,7 +283,7 @@ impl Mapper {
     /// The map of a run that is complete.
     fn content(&self, run: MappingRun) -> Content {
         let (origin, sensor) = (run.origin(), run.mapping().mapper().sensor().map(str::to_owned));
-        Content { atlas: run.into_atlas(), settings: self.settings.clone(), sensor, origin }
+        Content::new(run.into_atlas(), self.settings.clone(), sensor, origin)
     }
 
     /// Does `work` with the run, without the interpreter lock.
@@ -318,6 +311,20 @@ impl Drop for Mapper {
     }
 }
 
+/// Why a scan cannot be used that has no return, whatever would be said about it first; none if it has one.
+fn without_returns(input: &Input) -> Option<String> {
+    let (node, cloud) = match input {
+        Input::Event(Event::Scan(scan)) => (scan.node, &scan.cloud),
+        Input::RawScan(scan, _) => (scan.node, &scan.cloud),
+        _ => return None,
+    };
+    let why = match cloud.len() {
+        0 => "it has no points".to_owned(),
+        count => format!("all of its {count} points are zero or not finite"),
+    };
+    (!cloud.points.iter().any(Cloud::is_return)).then(|| format!("the scan of node {node} has no usable return: {why}"))
+}
+
 /// What a run has said since this was asked last: codes and texts.
 fn said(run: &mut MappingRun) -> Vec<(String, String)> {
     run.warnings_mut().take_new().into_iter().map(|w| (w.code, errors::said(&w.text, &w.remedy))).collect()
@@ -337,12 +344,6 @@ fn summary((report, pose): &(ScanReport, Pose), origin: Origin) -> Report {
         _ => "continue",
     };
     (report.node, report.submap, assignment, report.counts.usable, arrays::matrix_of_pose(&origin.to_map(*pose)))
-}
-
-fn motion_through((times, poses): &MotionSamples<'_>) -> PyResult<Motion> {
-    let poses = poses.iter().map(arrays::pose).collect::<PyResult<Vec<_>>>()?;
-    let motion = Motion::through(times.iter().copied().zip(poses));
-    motion.ok_or_else(|| PyValueError::new_err("motion: expected two poses or more, with ascending finite times"))
 }
 
 fn is_finished() -> PyErr {

@@ -6,19 +6,22 @@ use std::collections::BTreeMap;
 use voxelastic::Settings;
 use voxelastic::settings::{Allowed, Group, table};
 
-/// What a setting is: key, Python type (`float`, `int`, `str` or the allowed words, separated by `|`), default, range with unit, whether it is a basic one, help.
+/// What a setting is: key, Python type (`float`, `int`, `str`, `str | float`, or the allowed words, separated by `|`), default, range with unit, whether it is a basic one, help.
 type Row = (&'static str, String, String, String, bool, &'static str);
 
 /// All settings in the order in which they are shown.
 #[pyfunction]
 pub fn settings_table() -> Vec<Row> {
-    let kind = |setting: &voxelastic::settings::Setting| match setting.allowed {
-        Allowed::OneOf(words) => words.join("|"),
-        Allowed::Text(_) => "str".to_owned(),
+    let kind = |setting: &voxelastic::settings::Setting| {
         // As text, numbers with a fraction differ from whole ones only where they have one.
-        Allowed::Between(..) => {
-            let takes_fractions = Settings::default().set(setting.key, "1.5").is_ok() || Settings::default().set(setting.key, "0.5").is_ok();
-            if takes_fractions { "float" } else { "int" }.to_owned()
+        let takes_fractions = ["1.5", "0.5"].iter().any(|number| Settings::default().set(setting.key, number).is_ok());
+        let takes_any_text = Settings::default().set(setting.key, "no number").is_ok();
+        match (setting.allowed, takes_fractions && !takes_any_text) {
+            (Allowed::OneOf(words), _) => words.join("|"),
+            (Allowed::Text(_), true) => "str | float".to_owned(),
+            (Allowed::Text(_), false) => "str".to_owned(),
+            (Allowed::Between(..), true) => "float".to_owned(),
+            (Allowed::Between(..), false) => "int".to_owned(),
         }
     };
     table().iter().map(|s| (s.key, kind(s), s.default.clone(), s.range(), s.group == Group::Basic, s.help)).collect()

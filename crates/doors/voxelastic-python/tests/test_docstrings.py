@@ -60,7 +60,7 @@ def entry(doc: str, argument: str) -> str:
 
 def test_all_of_it_has_docstrings() -> None:
     found = dict(public_items())
-    aliases = {"Event", "Pose", "Progress", "Surface", "__version__"}
+    aliases = {"Event", "Points", "Pose", "Progress", "Surface", "__version__"}
     assert set(vx.__all__) - aliases == set(found), "classes and functions are defined in files of the package"
     missing = [name for name, node in found.items() if not ast.get_docstring(node)]
     missing += [name for name, _, doc in functions() if not doc]
@@ -84,7 +84,7 @@ def test_arguments_are_documented_with_shapes_units_and_frames() -> None:
                 problems.append(f"{name}: nothing about {argument.arg}")
                 continue
             text = said or doc
-            if "ArrayLike" in type_ and not SHAPE.search(text):
+            if re.search("ArrayLike|Points", type_) and not SHAPE.search(text):
                 problems.append(f"{name}: no shape of {argument.arg}")
             if re.search(r"\b(float|int)\b", type_) and not re.search(r"^(Mapping|Sequence|tuple)", type_) and not UNIT.search(text):
                 problems.append(f"{name}: no unit of {argument.arg}: {text}")

@@ -19,7 +19,7 @@ def test_the_chapter_says_what_happens(tmp_path: Path, monkeypatch: pytest.Monke
     monkeypatch.chdir(tmp_path)
     names: dict[str, Any] = {}
     blocks = re.findall(r"^```python\n(.*?)^```", CHAPTER.read_text(encoding="utf-8"), re.M | re.S)
-    assert len(blocks) == 7
+    assert len(blocks) == 8
     subprocess.run([sys.executable, "-m", "voxelastic", "simulate", "room", "-o", "drive", "--scans", "6", "--sensor", "vlp-16", "-q"], check=True)
     for block in blocks:
         exec(compile(block, str(CHAPTER), "exec"), names)

@@ -84,7 +84,7 @@ def test_a_mapper_takes_scans_with_poses_or_without(drive: vx.Simulation) -> Non
     with pytest.raises(vx.RefusedError, match="with poses, and this one has none"):
         mapper.integrate(scan.points)
     mapper = vx.Mapper(voxel_size=0.1)
-    with pytest.raises(vx.RefusedError, match="too few returns"):
+    with pytest.raises(vx.RefusedError, match="no usable return: all of its 50 points are zero or not finite"):
         mapper.integrate(np.zeros((50, 3)))
 
 
@@ -133,6 +133,13 @@ def test_scans_are_found_in_a_map(drive: vx.Simulation) -> None:
         assert np.linalg.norm(found.pose[:3, 3] - scan.pose[:3, 3]) < 0.1
         near = localiser.locate(scan.points, guess=scan.pose[:3, 3], within=5)
         assert near is not None and np.linalg.norm(near.pose[:3, 3] - scan.pose[:3, 3]) < 0.1
+        assert 0 < found.spread < 0.1 and found.information is not None and found.covariance is not None
+        np.testing.assert_allclose(found.covariance @ found.information, np.eye(6), atol=1e-5)
+        # The error is not ten times what is expected.
+        assert 1e-4 < np.sqrt(np.trace(found.covariance[:3, :3])) < 0.2
+        others = found.alternatives
+        assert all(np.linalg.norm(other.pose[:3, 3] - found.pose[:3, 3]) > 0.1 or not np.allclose(other.pose, found.pose, atol=0.1) for other in others)
+        assert all(other.information is None and other.covariance is None and other.alternatives == [] for other in others)
     assert localiser.locate(drive[0].points, guess=[1000, 0, 0], within=2) is None
     assert localiser.locate(np.zeros((10, 3))) is None
     with pytest.raises(ValueError, match="within"):

@@ -44,6 +44,27 @@ def test_signed_distances_make_rays_more_accurate(make_map: Callable[..., vx.Map
     assert errors[1] < 0.005 < errors[0] < 0.08, errors
 
 
+def test_rays_together_are_rays_one_by_one(solid: vx.Map) -> None:
+    """They are cast in another order, and go to the surface together."""
+    random = np.random.default_rng(5)
+    directions, origins = random.normal(size=(700, 3)), random.uniform(-1, 1, (700, 3))
+    together = solid.ray_cast(origins, directions)
+    alone = [solid.ray_cast(origin, [direction]) for origin, direction in zip(origins, directions, strict=True)]
+    np.testing.assert_array_equal(together.distance, [hit.distance[0] for hit in alone])
+    np.testing.assert_array_equal(together.normal, [hit.normal[0] for hit in alone])
+    np.testing.assert_array_equal(together.state, [hit.state[0] for hit in alone])
+    assert np.isfinite(together.distance).mean() > 0.5
+    ends = origins + directions / np.linalg.norm(directions, axis=1)[:, None] * together.distance[:, None]
+    error = distance_to_walls(ends[np.isfinite(together.distance)])
+    assert np.quantile(np.abs(error), 0.8) < 0.01
+
+
+@pytest.mark.parametrize("direction", [[0, 0, 0], [np.nan, 1, 0], [np.inf, 0, 0]])
+def test_rays_without_a_direction_end_nowhere(solid: vx.Map, direction: list[float]) -> None:
+    hits = solid.ray_cast([0, 0, 0], np.array([direction, [1.0, 0, 0]]))
+    assert np.isnan(hits.distance[0]) and abs(hits.distance[1] - 4) < 0.02
+
+
 def test_a_rendered_scan_is_what_the_sensor_would_measure(solid: vx.Map) -> None:
     pose = pose_at(0.5, -0.3, 1.0)
     points = solid.render_scan(pose, "vlp-16", columns=360, max_range=20)
@@ -83,6 +104,19 @@ def test_distance_fields_have_distances_to_walls_and_gradients(solid: vx.Map) ->
         solid.esdf(points, max_distance=1e6)
 
 
+def test_a_distance_field_is_kept_and_is_the_same(solid: vx.Map, make_map: Callable[..., vx.Map]) -> None:
+    """Whatever was asked before, by points near and far, and with other settings."""
+    random = np.random.default_rng(7)
+    sets = [random.uniform([-4.5, -3.5, -2], [4.5, 3.5, 2], (count, 3)) for count in (3, 400, 40_000)]
+    settings: list[dict[str, Any]] = [{}, {"max_distance": 0.7}, {"unknown_blocks": True}]
+    for points in (*sets, sets[0]):
+        for given in settings:
+            distance, gradient = solid.esdf(points, **given)
+            fresh = make_map(field="both", voxel_size=0.1).esdf(points, **given)
+            np.testing.assert_array_equal(distance, fresh[0])
+            np.testing.assert_array_equal(gradient, fresh[1])
+
+
 def test_clearances_are_distances_to_walls(solid: vx.Map) -> None:
     # The wall at x = 4 is the nearest.
     points = np.random.default_rng(3).uniform([2.95, -1, -0.3], [3.85, 1, 0.3], (500, 3))
@@ -118,8 +152,14 @@ def test_paths_are_free(room: vx.Map) -> None:
     assert path.length < 1.1 * np.linalg.norm([4, 2, 0.3]) and path.least_clearance >= 0.3 and len(path.clearance) == len(path.points)
     with pytest.raises(vx.PlanError, match="goal"):
         room.plan([-2, -1, 0], [4, 1, 0], radius=0.3, samples=200)
-    with pytest.raises(vx.PlanError, match="radius"):
+    with pytest.raises(vx.PlanError, match="goal .*; the robot fits at") as failed:
+        room.plan([-2, -1, 0], [3.9, 1, 0], radius=0.3, samples=200)
+    nearest = failed.value.nearest
+    assert nearest is not None and nearest.shape == (3,) and np.linalg.norm(nearest - [3.7, 1, 0]) < 0.3
+    assert room.plan([-2, -1, 0], nearest, radius=0.3, samples=200).least_clearance >= 0.3
+    with pytest.raises(vx.PlanError, match="radius") as failed:
         room.plan([-2, -1, 0], [2, 1, 0], radius=-1)
+    assert failed.value.nearest is None
     with pytest.raises(ValueError, match="time"):
         room.plan([-2, -1, 0], [2, 1, 0], radius=0.3, time=-1)
 

@@ -31,6 +31,7 @@
 
 pub mod corrections;
 pub mod error;
+pub mod export;
 mod input;
 pub mod joining;
 pub mod keep;

@@ -21,7 +21,7 @@ pub const CRATES: &[Layer] = &[
     ("voxelastic-esdf", &["voxelastic"]),
     ("voxelastic-explore", &["voxelastic", "voxelastic-plan"]),
     ("voxelastic-report", &["voxelastic-eval"]),
-    ("voxelastic-run", &["voxelastic", "voxelastic-io", "voxelastic-eval", "voxelastic-slam", "voxelastic-report"]),
+    ("voxelastic-run", &["voxelastic", "voxelastic-files", "voxelastic-io", "voxelastic-eval", "voxelastic-slam", "voxelastic-report"]),
     (
         "voxelastic-live",
         &[

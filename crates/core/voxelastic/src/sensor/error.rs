@@ -53,7 +53,7 @@ pub enum SensorError {
         known: String,
     },
     /// The clouds hold too few returns to recognise a sensor from.
-    #[error("{returns} returns in {clouds} clouds are too few to recognise the sensor (at least {needed}): name it with --sensor")]
+    #[error("{returns} returns in {clouds} clouds are too few to recognise the sensor (at least {needed}): name it by the setting `sensor`")]
     TooFewReturns {
         /// Returns found.
         returns: usize,

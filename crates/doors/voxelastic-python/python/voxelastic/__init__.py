@@ -18,12 +18,14 @@ where the lidar is in the map.
 
 from importlib.metadata import version as _version
 
-from ._arrays import Pose
-from ._dataset import Dataset, Edge, Event, PoseUpdate, Scan
+from ._answers import Blocks, Merged, Path, Query, RayHits, Slice, State, Submap, SubmapChanges
+from ._arrays import Points, Pose
+from ._dataset import Dataset
 from ._errors import Error, FileError, PlanError, RefusedError, RunWarning, SettingError
 from ._estimation import Localiser, Location, Odometry, OdometryReport, Trajectory, odometry
 from ._evaluation import TrajectoryErrors, evaluate, trajectory_errors
-from ._map import Blocks, Map, Path, Query, RayHits, Slice, State, Submap, Surface
+from ._events import Edge, Event, PoseUpdate, Scan
+from ._map import Map, Surface
 from ._mapper import Mapper, ScanReport
 from ._memory import limit_memory
 from ._mesh import Mesh
@@ -44,11 +46,13 @@ __all__ = [
     "Location",
     "Map",
     "Mapper",
+    "Merged",
     "Mesh",
     "Odometry",
     "OdometryReport",
     "Path",
     "PlanError",
+    "Points",
     "Pose",
     "PoseUpdate",
     "Progress",
@@ -65,6 +69,7 @@ __all__ = [
     "Slice",
     "State",
     "Submap",
+    "SubmapChanges",
     "Surface",
     "Trajectory",
     "TrajectoryErrors",

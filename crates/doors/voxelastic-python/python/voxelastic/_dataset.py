@@ -2,174 +2,25 @@
 
 from __future__ import annotations
 
+import operator
 import os
+import threading
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, NamedTuple, Optional, TypeAlias, Union, cast
+from typing import TYPE_CHECKING, Any, cast, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
 from . import _arrays, _native
 from ._arrays import Pose
+from ._events import Event, Scan, _event
 
 if TYPE_CHECKING:
     from typing_extensions import Self
 
-__all__ = ["Dataset", "Edge", "Event", "PoseUpdate", "Scan"]
-
-
-class Scan:
-    """A scan of a data set. Its arrays are made when they are asked for, and are yours to change."""
-
-    __slots__ = ("__weakref__", "_inner", "node", "pose", "time")
-    _inner: _native.Scan
-    node: int
-    """Its node in the pose graph."""
-    time: float
-    """Time stamp, seconds."""
-    pose: NDArray[np.float64] | None
-    """The lidar frame in the map frame when the scan was taken, 4 x 4, as the data have it; none if they do not."""
-
-    def __init__(self) -> None:
-        raise TypeError("a Scan comes from a Dataset or a Simulation")
-
-    @classmethod
-    def _of(cls, native: _native.Scan) -> Scan:
-        this = object.__new__(cls)
-        this._inner = native
-        this.node, this.time, pose = native.stamp()
-        this.pose = None if pose is None else np.array(pose)
-        return this
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Rows (rings) and columns of the cloud; (1, N) if it is not organised."""
-        return self._inner.shape()
-
-    @property
-    def points(self) -> NDArray[np.float32]:
-        """Coordinates in the lidar frame, metres: rows x columns x 3 of an organised cloud, else N x 3. NaN or zero: a beam without return."""
-        points, (rows, columns) = self._inner.points(), self.shape
-        return points.reshape(rows, columns, 3) if rows > 1 else points
-
-    @property
-    def intensity(self) -> NDArray[np.float32] | None:
-        """N strengths of the returns in the sensor's own scale; none if the data have none. N counts row by row."""
-        return self._inner.channels()[0]
-
-    @property
-    def colours(self) -> NDArray[np.uint8] | None:
-        """N x 3 colours, sRGB; none if the data have none."""
-        return self._inner.channels()[1]
-
-    @property
-    def ring(self) -> NDArray[np.uint16] | None:
-        """N numbers of the beams' rings; none if the data have none."""
-        return self._inner.channels()[2]
-
-    @property
-    def times(self) -> NDArray[np.float32] | None:
-        """N times of the points in seconds after `time`; none if the data have none."""
-        return self._inner.channels()[3]
-
-    def undistorted(self) -> Scan | None:
-        """The same scan, corrected for the motion of the lidar during the sweep; none if that or the times of the points are unknown.
-
-        A mapper does this itself.
-        """
-        native = self._inner.undistorted()
-        return None if native is None else Scan._of(native)
-
-    def __len__(self) -> int:
-        """Number of points, with or without return."""
-        rows, columns = self.shape
-        return rows * columns
-
-    def __repr__(self) -> str:
-        rows, columns = self.shape
-        place = "" if self.pose is None else ", at {:.2f}, {:.2f}, {:.2f} m".format(*self.pose[:3, 3])
-        return f"Scan(node {self.node}, {f'{rows} x {columns}' if rows > 1 else f'{columns:,}'} points{place})"
-
-
-class Edge(NamedTuple):
-    """A measured pose between two nodes."""
-
-    first: int
-    """A node."""
-    second: int
-    """Another node."""
-    pose: NDArray[np.float64]
-    """The lidar frame of `second` in that of `first`, 4 x 4; cannot be written to."""
-    closes_loop: bool
-    """Whether the same place was observed at both; otherwise they are consecutive."""
-    information: Optional[NDArray[np.float64]] = None
-    """6 x 6 information of the pose: translation (1 / m^2) before rotation (1 / rad^2); none if the data have none."""
-
-
-class PoseUpdate(NamedTuple):
-    """Corrected poses."""
-
-    poses: Mapping[int, NDArray[np.float64]]
-    """The lidar frame in the map frame, 4 x 4, of each node; cannot be written to."""
-
-
-class _EdgeOfData(Edge):
-    """An edge as the data have it, to the last bit."""
-
-    exact: Optional[NDArray[np.float64]] = None
-    """x, y, z, qx, qy, qz, qw of the pose, unless it was replaced."""
-
-    def __reduce__(self) -> Any:
-        return Edge, tuple(self)
-
-
-class _PoseUpdateOfData(PoseUpdate):
-    """Corrected poses as the data have them, to the last bit."""
-
-    exact: Optional[list[NDArray[np.float64]]] = None
-    """x, y, z, qx, qy, qz, qw of each pose, unless they were replaced."""
-
-    def __reduce__(self) -> Any:
-        return PoseUpdate, (dict(self.poses),)
-
-
-# For users there is one type of each.
-_EdgeOfData.__name__ = _EdgeOfData.__qualname__ = "Edge"
-_PoseUpdateOfData.__name__ = _PoseUpdateOfData.__qualname__ = "PoseUpdate"
-
-
-Event: TypeAlias = Union[Scan, Edge, PoseUpdate]
-"""What a SLAM system reports, in the order in which it happens."""
-
-
-def _constant(pose: Any) -> NDArray[np.float64]:
-    """A matrix that cannot be written to."""
-    matrix = np.array(pose)
-    matrix.setflags(write=False)
-    return matrix
-
-
-def _event(kind: str, value: Any) -> Event:
-    """An event of the native part."""
-    match kind:
-        case "scan":
-            return Scan._of(value)
-        case "poses":
-            update = _PoseUpdateOfData(MappingProxyType({node: _constant(pose) for node, pose, _ in value}))
-            update.exact = [np.array(numbers) for _, _, numbers in value]
-            return update
-    first, second, pose, numbers, triangle = value
-    information = None
-    if triangle is not None:
-        upper = np.zeros((6, 6))
-        upper[np.triu_indices(6)] = triangle
-        information = upper + np.triu(upper, 1).T
-    edge = _EdgeOfData(first, second, _constant(pose), kind == "loop", information)
-    edge.exact = np.array(numbers)
-    return edge
+__all__ = ["Dataset"]
 
 
 class Dataset:
@@ -177,12 +28,14 @@ class Dataset:
 
     Where the data have no poses, `pose` of the scans is none, and a mapper estimates them.
 
-    `for scan in dataset` gives the scans, as often as you like; `events()` gives the edges of the pose graph and the corrections of poses, too.
+    `for scan in dataset` gives the scans, as often as you like, and `dataset[k]` one of them; `events()` gives the edges of the pose graph and the corrections of poses, too.
     `with Dataset.open(path) as dataset` closes its files at the end of the block. A copy, or one that was pickled, opens the same data anew.
     """
 
-    __slots__ = ("__weakref__", "_inner", "_options", "_path", "_strict")
+    __slots__ = ("__weakref__", "_cursor", "_inner", "_lock", "_options", "_path", "_strict")
     _inner: _native.Dataset | None
+    _cursor: tuple[int, _native.Events] | None
+    _lock: threading.Lock
     _options: dict[str, Any]
     _path: Path
     _strict: bool
@@ -248,6 +101,7 @@ class Dataset:
         interval = None if every is None else str(every)
         this = object.__new__(cls)
         this._path, this._strict, this._options = path, strict, options
+        this._cursor, this._lock = None, threading.Lock()
         this._inner = _native.Dataset.open(
             path, pose_file, odometry, graph_file, lidars, interval, topics, folders, pose_topic, metadata_file, deskew, float(time_tolerance), strict, slam
         )
@@ -260,7 +114,7 @@ class Dataset:
 
     def close(self) -> None:
         """Closes the files. Iterators that are under way can go on; closing a second time does nothing."""
-        self._inner = None
+        self._inner = self._cursor = None
 
     def __enter__(self) -> Self:
         return self
@@ -285,6 +139,46 @@ class Dataset:
 
     def __bool__(self) -> bool:
         return True
+
+    @overload
+    def __getitem__(self, index: int) -> Scan: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[Scan]: ...
+    def __getitem__(self, index: int | slice) -> Scan | list[Scan]:
+        """The scan of a number, from 0, or those of a slice; negative numbers count from the end, where that is known. Data are read in their order: going on from the scan
+        that was asked for last takes no longer than iterating, going back begins anew.
+
+        Raises:
+            IndexError: There is no such scan.
+            FileError: It cannot be read.
+        """
+        if isinstance(index, slice):
+            numbers = range(*index.indices(len(self)))
+            found = {number: self[number] for number in sorted(numbers)}
+            return [found[number] for number in numbers]
+        number = operator.index(index)
+        number += len(self) if number < 0 else 0
+        if number < 0:
+            raise IndexError(f"{self._path}: there are {len(self):,} scans, and none with number {index}")
+        with self._lock:
+            return self._read_up_to(number)
+
+    def _read_up_to(self, number: int) -> Scan:
+        """The scan of a number, from 0. One that cannot be read has a number, too."""
+        data = self._native()
+        at, events = self._cursor if self._cursor is not None and self._cursor[0] <= number else (0, data.events())
+        while (item := events.next()) is not None:
+            kind, value = item
+            if kind not in ("scan", "problem"):
+                continue
+            at += 1
+            self._cursor = at, events
+            if at > number:
+                if kind == "problem":
+                    raise value
+                return Scan._of(value)
+        self._cursor = None
+        raise IndexError(f"{self._path}: there are {at:,} scans, and none with number {number}")
 
     @property
     def has_poses(self) -> bool:

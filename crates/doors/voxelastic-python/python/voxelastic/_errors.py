@@ -1,5 +1,13 @@
 """Exceptions. Their messages are those of the command: they name the file, the place in it and what to do."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
 __all__ = ["Error", "FileError", "PlanError", "RefusedError", "RunWarning", "SettingError"]
 
 
@@ -21,6 +29,9 @@ class FileError(Error, OSError):
 
 class PlanError(Error):
     """No path was found: the robot does not fit at an end, or within the limits there is no way. The message says which, and what would do."""
+
+    nearest: NDArray[np.float64] | None = None
+    """The nearest place where the robot fits, (x, y, z) in the map frame, metres, if it does not fit at an end and fits somewhere within 5 m of it."""
 
 
 class RunWarning(UserWarning):

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _arrays, _native
+from ._arrays import Points
 from ._dataset import Dataset
 from ._map import Map
 from ._progress import Progress, reported
@@ -60,7 +61,7 @@ class Odometry:
                 raise ValueError(f"{name}: expected metres, more than 0, not {value!r}")
         self._inner = _native.Odometry(voxel_size, float(min_range), float(max_range), bool(deskew))
 
-    def register(self, points: ArrayLike, *, time: float | None = None, times: ArrayLike | None = None) -> OdometryReport:
+    def register(self, points: Points, *, time: float | None = None, times: ArrayLike | None = None) -> OdometryReport:
         """Registers a scan to those before it.
 
         Args:
@@ -143,6 +144,23 @@ class Location(NamedTuple):
     """Share of the scan's surfaces with a counterpart in the map, 0 to 1."""
     contradiction: float
     """Share of surfaces in space that was observed to be free, 0 to 1: of the map's in the scan's, or of the scan's in the map's, whichever is larger."""
+    spread: float
+    """Robust mean distance of the scan's surfaces to those of the map, metres."""
+    information: NDArray[np.float64] | None
+    """6 x 6 information of the pose: translation (1 / m^2) before rotation (1 / rad^2), in the lidar frame; none where the pose was not refined, as those of alternatives."""
+    alternatives: list[Location]
+    """Other places that the scan was compared with more closely, best first: where one is nearly as good, the place is ambiguous."""
+
+    @property
+    def covariance(self) -> NDArray[np.float64] | None:
+        """6 x 6 covariance of the pose: translation (m^2) before rotation (rad^2), in the lidar frame; infinite where the surfaces do not hold it. None without `information`."""
+        if self.information is None:
+            return None
+        values, vectors = np.linalg.eigh(self.information)
+        if values[0] <= 1e-12 * values[-1]:
+            return np.full((6, 6), np.inf)
+        covariance: NDArray[np.float64] = (vectors / values) @ vectors.T
+        return covariance
 
 
 class Localiser:
@@ -164,7 +182,7 @@ class Localiser:
         self._inner = inner
 
     def locate(
-        self, points: ArrayLike, *, times: ArrayLike | None = None, guess: ArrayLike | None = None, within: float = 10.0
+        self, points: Points, *, times: ArrayLike | None = None, guess: ArrayLike | None = None, within: float = 10.0
     ) -> Location | None:
         """Where a scan was taken; none if it has no returns or fits nowhere.
 
@@ -184,8 +202,9 @@ class Localiser:
             if not (within > 0 and np.isfinite(within)):
                 raise ValueError(f"within: expected metres, more than 0, not {within!r}")
             near = (_arrays.doubles([guess], "guess")[0].tolist(), float(within))
-        found = self._inner.locate(cloud, rows, stamps, near)
-        if found is None:
-            return None
-        pose, is_certain, overlap, contradiction = found
-        return Location(np.array(pose), is_certain, overlap, contradiction)
+        found = [_location(*native) for native in self._inner.locate(cloud, rows, stamps, near)]
+        return found[0]._replace(alternatives=found[1:]) if found else None
+
+
+def _location(pose: list[list[float]], is_certain: bool, overlap: float, contradiction: float, spread: float, information: list[list[float]] | None) -> Location:
+    return Location(np.array(pose), is_certain, overlap, contradiction, spread, None if information is None else np.array(information), [])

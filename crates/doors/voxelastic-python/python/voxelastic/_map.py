@@ -6,21 +6,23 @@ import dataclasses
 import os
 import pathlib
 import warnings
-from enum import IntEnum
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, NoReturn, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, NoReturn, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _arrays, _native, _picture
-from ._arrays import Pose
+from ._answers import Blocks, Merged, Path, Query, RayHits, Slice, State, Submap, _submaps
+from ._arrays import Points, Pose
+from ._errors import RunWarning
+from ._memory import give_back
 from ._mesh import Mesh
 from ._settings import Settings
 
 if TYPE_CHECKING:
     from typing_extensions import Self
 
-__all__ = ["Blocks", "Map", "Path", "Query", "RayHits", "Slice", "State", "Submap", "Surface"]
+__all__ = ["Map", "Surface"]
 
 Surface: TypeAlias = Literal["measured", "occupied", "free", "frontier"]
 """Kinds of surfaces: `measured` is that of the signed distances (of occupied space in maps without them); `occupied` bounds occupied space, `free`
@@ -34,90 +36,6 @@ def _positive(value: float, name: str) -> float:
     if not (value > 0 and np.isfinite(value)):
         raise ValueError(f"{name}: expected metres, more than 0, not {value!r}")
     return float(value)
-
-
-class State(IntEnum):
-    """What is known about a point of a map with occupancy."""
-
-    UNKNOWN = 0
-    """Never observed, or the observations cancel out."""
-    FREE = 1
-    """Observed to be empty."""
-    OCCUPIED = 2
-    """Observed to be occupied."""
-
-
-class Query(NamedTuple):
-    """What a map knows about N points."""
-
-    distance: NDArray[np.float32]
-    """N signed distances to the nearest surface, metres, positive in front of it. They are known in the truncation band around surfaces; NaN elsewhere."""
-    gradient: NDArray[np.float32]
-    """N x 3 gradients of the distance, metres per metre, map frame, towards free space; zero where the distance is known on one side of the point only, or not at all."""
-    state: NDArray[np.uint8]
-    """N values of `State`; `State.UNKNOWN` everywhere in maps without occupancy."""
-
-    @property
-    def observed(self) -> NDArray[np.bool_]:
-        """N truth values: whether the map knows anything about the point, a distance or whether it is free."""
-        return np.asarray(~np.isnan(self.distance) | (self.state != State.UNKNOWN), dtype=np.bool_)
-
-
-class RayHits(NamedTuple):
-    """Where N rays end."""
-
-    distance: NDArray[np.float64]
-    """N distances from the origin, metres; NaN where a ray meets nothing."""
-    normal: NDArray[np.float64]
-    """N x 3 normals of the voxel faces that the rays enter by, map frame; zero where a ray starts in what blocks it, or meets nothing."""
-    state: NDArray[np.uint8]
-    """N values of `State`: `State.OCCUPIED`, or `State.UNKNOWN` where unknown space blocks, or where a ray meets nothing."""
-
-
-class Slice(NamedTuple):
-    """A cross-section of a map: `plt.imshow(slice.values, origin="lower", extent=slice.extent)`."""
-
-    values: NDArray[Any]
-    """Rows x columns, the row with the smallest coordinate first: values of `State`, or distances in metres with NaN where none is known."""
-    extent: tuple[float, float, float, float]
-    """Left, right, bottom and top edge of the picture, metres."""
-
-
-class Path(NamedTuple):
-    """A path for a robot."""
-
-    points: NDArray[np.float64]
-    """N x 3 waypoints of the robot's centre, map frame, metres, joined by straight lines that are free."""
-    length: float
-    """Its length, metres."""
-    clearance: NDArray[np.float64]
-    """N distances of the waypoints to the nearest obstacle, metres; at most 2 m beyond the radius."""
-    least_clearance: float
-    """The least such distance anywhere along the path, metres."""
-
-
-class Blocks(NamedTuple):
-    """Blocks of voxels of one size, in a submap."""
-
-    coordinates: NDArray[np.int32]
-    """N x 3: of the first voxel of each block, in finest voxels of the submap frame. Blocks are cubes of eight finest voxels along each axis."""
-    distance: NDArray[np.float32]
-    """N x E x E x E signed distances at the centres of the voxels, metres, indexed by z, y, x; NaN where nothing was observed. E is 8, 4, 2 or 1."""
-    weight: NDArray[np.float32]
-    """N x E x E x E sums of the observations' weights; 0 where nothing was observed."""
-    voxel_size: float
-    """Edge of the voxels, metres."""
-
-
-class Submap(NamedTuple):
-    """A rigid part of a map."""
-
-    id: int
-    """Its number."""
-    pose: NDArray[np.float64]
-    """The submap frame in the map frame, 4 x 4. A correction changes this."""
-    nodes: list[int]
-    """The nodes whose scans it was made from, in that order."""
 
 
 class Map:
@@ -161,8 +79,9 @@ class Map:
         return cls._of(native)
 
     def close(self) -> None:
-        """Frees the memory, as soon as no call uses it any more. Closing a second time does nothing."""
-        self._inner.close()
+        """Frees the memory, and gives it back to the system, as soon as no call and no copy uses it any more. Closing a second time does nothing."""
+        if self._inner.close():
+            give_back()
 
     def __enter__(self) -> Self:
         return self
@@ -189,6 +108,57 @@ class Map:
             FileError: Something else is there, or another process writes to it, or the disk is full.
         """
         self._inner.save(pathlib.Path(path))
+
+    def export(self, path: str | os.PathLike[str], *, voxel_size: float | None = None, lod: int = 0, min_weight: float = 1.0) -> None:
+        """Writes the map in a format of other programs, as the command `export` does.
+
+        Args:
+            path: The file; its ending says the format. A cloud of the surface is `.ply`, `.pcd`, `.las`, `.laz`, `.copc.laz` or `.e57`, in the frame of the poses, that is with
+                `origin`. Free and occupied space is an OctoMap, `.bt` (states) or `.ot` (log-odds), whose coordinates count from `origin`. A folder, which is there or
+                ends with a slash (`"tiles/"`), gets the surface as 3D Tiles with a page that shows them.
+            voxel_size: Edge of the voxels of an OctoMap, metres; by default that of the finest voxel.
+            lod: Level of detail of the surface, a number from 0 (full resolution) to 3.
+            min_weight: Smallest number of observations of a voxel that contributes to the surface.
+
+        Raises:
+            ValueError: No format has such an ending, or an argument is out of range or does not go with the format.
+            FileError: The map has nothing of the kind, or the file cannot be written.
+        """
+        self._check_surface(lod, min_weight)
+        name = os.fspath(path)
+        is_octomap = name.lower().endswith((".bt", ".ot"))
+        if voxel_size is not None and not is_octomap:
+            raise ValueError("voxel_size: it is for OctoMaps (.bt, .ot); `lod` reduces clouds and tiles")
+        if is_octomap:
+            self._needs_occupancy("an OctoMap")
+            if (lod, min_weight) != (0, 1.0):
+                raise ValueError("lod, min_weight: they are for surfaces; `voxel_size` reduces an OctoMap")
+            if self.origin.any():
+                warnings.warn(f"{name}: an OctoMap cannot reach so far, so it counts from the origin of the map: add {self.origin.tolist()}", stacklevel=2)
+        _native.export(self._inner, name, None if voxel_size is None else _positive(voxel_size, "voxel_size"), int(lod), float(min_weight))
+
+    def merge_into(self, path: str | os.PathLike[str], *, pose: Pose | None = None, same_frame: bool = True) -> Merged:
+        """Adds the map as a session to one on disk, as the command `merge` does: where it lies there is found from surfaces that both have, and its poses are corrected
+        to those of the other. The map on disk is replaced when all is written; this one stays as it is. `Map.open(path)` has both then.
+
+        Args:
+            path: The directory of the other map, which has the same size of voxels and the same fields.
+            pose: About where the frame of this map lies in the frame of the other, if that is known.
+            same_frame: Whether both may have the same frame, as maps of one surveyed frame do. Otherwise, as for scans without poses, places alone tell.
+
+        Raises:
+            FileNotFoundError: There is nothing of this name.
+            FileError: It is not known where this map lies in the other one, or the other one cannot be read or written. It is as it was.
+            ValueError: The maps have voxels of different sizes, or different fields.
+        """
+        path = pathlib.Path(path)
+        if not path.exists():
+            raise FileNotFoundError(f"{path}: there is nothing of this name; expected the directory of a map")
+        exact = None if pose is None else _arrays.pose(pose)
+        numbers, by, matrix, edges, bent, said = _native.merge_into(self._inner, path, exact, bool(same_frame))
+        for code, text in said:
+            warnings.warn(RunWarning(text, code), stacklevel=2)
+        return Merged(numbers, by, np.array(matrix), edges, bent)
 
     @property
     def origin(self) -> NDArray[np.float64]:
@@ -229,7 +199,7 @@ class Map:
     @property
     def submaps(self) -> list[Submap]:
         """The rigid parts of the map, by number."""
-        return [Submap(number, np.array(pose), nodes) for number, pose, nodes in self._inner.submaps()]
+        return _submaps(self._inner.submaps())
 
     @property
     def poses(self) -> dict[int, NDArray[np.float64]]:
@@ -258,8 +228,8 @@ class Map:
         """Memory of the voxels, bytes."""
         return self._inner.nbytes()
 
-    def mesh(self, *, lod: int = 0, min_weight: float = 1.0, surface: Surface = "measured", shells: bool = False, close_gaps: bool = True, keep_all: bool = False) -> Mesh:
-        """The surface of the whole map. Overlapping submaps are fused, so that a place has one surface.
+    def mesh(self, *, lod: int = 0, min_weight: float = 1.0, surface: Surface = "measured", shells: bool = False, close_gaps: bool = True, keep_all: bool = False, submap: int | None = None) -> Mesh:
+        """The surface of the whole map, or of a submap. Overlapping submaps are fused, so that a place has one surface.
 
         Args:
             lod: Level of detail: 0 is full resolution, 3 has vertices eight voxels apart.
@@ -267,21 +237,24 @@ class Map:
             surface: Which surface.
             shells: Do not fuse: the measured surfaces of all submaps on top of each other. Surfaces of occupancy are always those of the submaps.
             close_gaps: Close gaps of one voxel.
-            keep_all: Keep crumbs, too: pieces of a few triangles that few rays saw. Shells always have them.
+            keep_all: Keep crumbs, too: pieces of a few triangles that few rays saw. Shells and the surfaces of submaps always have them.
+            submap: Number of a submap, one of those of `submaps`: its own surface, as it is in `shells`.
 
         Returns:
             The mesh; without triangles if the map has no such surface.
+
+        Raises:
+            ValueError: An argument is out of range, or there is no such submap.
         """
-        if lod not in (0, 1, 2, 3):
-            raise ValueError(f"lod: expected 0, 1, 2 or 3, not {lod!r}")
-        if not 0 <= min_weight <= 1000:
-            raise ValueError(f"min_weight: expected a number from 0 to 1000, not {min_weight!r}")
+        self._check_surface(lod, min_weight)
         if surface not in ("measured", "occupied", "free", "frontier"):
             raise ValueError(f'surface: expected "measured", "occupied", "free" or "frontier", not {surface!r}')
-        arrays = self._inner.mesh(surface, int(lod), float(min_weight), bool(close_gaps), bool(keep_all), bool(shells))
+        if submap is not None:
+            self._check_submap(submap)
+        arrays = self._inner.mesh(surface, int(lod), float(min_weight), bool(close_gaps), bool(keep_all), bool(shells), submap)
         return dataclasses.replace(Mesh(*arrays), origin=self.origin)
 
-    def query(self, points: ArrayLike) -> Query:
+    def query(self, points: Points) -> Query:
         """Distances to surfaces with their gradients, and whether space is free. `distance` and `state` are faster where that is all you need.
 
         Where submaps overlap, the distance is the one nearest to zero, and a point is occupied if it is so in any submap.
@@ -294,7 +267,7 @@ class Map:
         """
         return Query(*self._inner.query(self._points(points)))
 
-    def distance(self, points: ArrayLike) -> NDArray[np.float32]:
+    def distance(self, points: Points) -> NDArray[np.float32]:
         """Signed distances to the nearest surface: those of `query`, in a fraction of its time.
 
         Args:
@@ -308,7 +281,7 @@ class Map:
         """
         return self._inner.distances(self._points(points))
 
-    def state(self, points: ArrayLike) -> NDArray[np.uint8]:
+    def state(self, points: Points) -> NDArray[np.uint8]:
         """Whether space is free, occupied or unknown: as `query` tells it, without distances.
 
         Args:
@@ -331,9 +304,8 @@ class Map:
         Raises:
             ValueError: There is no such submap.
         """
-        found = self._inner.blocks(submap)
-        if found is None:
-            raise ValueError(f"submap: there is none with number {submap}; there are {[s.id for s in self.submaps]}")
+        self._check_submap(submap)
+        found = self._inner.blocks(submap) or []
         arrays = []
         for scale, coordinates, distance, weight in found:
             shape = (len(coordinates), *(3 * [8 >> scale]))
@@ -341,7 +313,7 @@ class Map:
         return arrays
 
     def ray_cast(
-        self, origins: ArrayLike, directions: ArrayLike, *, max_range: float = 1000.0, unknown_blocks: bool = False
+        self, origins: Points, directions: Points, *, max_range: float = 1000.0, unknown_blocks: bool = False
     ) -> RayHits:
         """Where rays end: at the first voxel that is occupied. In maps with signed distances, too, at the surface in it.
 
@@ -355,7 +327,7 @@ class Map:
             ValueError: The map has no occupancy, or an array has another shape.
         """
         self._needs_occupancy("ray_cast")
-        starts = self._doubles(np.atleast_2d(np.asarray(origins)), "origins")
+        starts = self._doubles(np.atleast_2d(np.asarray(_arrays.here(origins, "origins"))), "origins")
         rays = _arrays.doubles(directions, "directions")
         if len(starts) not in (1, len(rays)):
             raise ValueError(f"origins: expected one, or as many as directions, which are {len(rays)}, not {len(starts)}")
@@ -410,7 +382,7 @@ class Map:
         depth: NDArray[np.float32] = (hits.distance * rays[:, 2] / np.linalg.norm(rays, axis=1)).astype(np.float32)
         return depth.reshape(rows, columns)
 
-    def clearance(self, points: ArrayLike, *, up_to: float = 2.0, unknown_blocks: bool = True) -> NDArray[np.float64]:
+    def clearance(self, points: Points, *, up_to: float = 2.0, unknown_blocks: bool = True) -> NDArray[np.float64]:
         """Distances to the nearest obstacles: how large a ball fits.
 
         Args:
@@ -427,8 +399,9 @@ class Map:
         self._needs_occupancy("clearance")
         return _native.clearance(self._inner, self._doubles(points, "points"), _positive(up_to, "up_to"), bool(unknown_blocks))
 
-    def esdf(self, points: ArrayLike, *, max_distance: float = 2.0, unknown_blocks: bool = False) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Distances to the nearest obstacles and their gradients, by the Euclidean distance field of the whole map, which is computed first.
+    def esdf(self, points: Points, *, max_distance: float = 2.0, unknown_blocks: bool = False) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Distances to the nearest obstacles and their gradients, by a Euclidean distance field. It is computed around the points, and the map keeps it for the next ones:
+        asking there again takes a fraction of the time.
 
         Distances are exact for the voxels of the map, from centre to centre. Where the map has surfaces and only obstacles count, they are corrected by them to a
         fraction of a voxel.
@@ -511,13 +484,25 @@ class Map:
             seed: A whole number that the random numbers follow from.
 
         Raises:
-            PlanError: The robot does not fit at an end, or no path was found.
+            PlanError: The robot does not fit at an end, and `nearest` is where it does; or no path was found.
             ValueError: The map has no occupancy.
         """
         self._needs_occupancy("plan")
         begin, end = (self._doubles([point], name)[0].tolist() for point, name in ((start, "start"), (goal, "goal")))
         found = _native.plan(self._inner, begin, end, float(radius), bool(wheels), step, bool(unknown_blocks), float(time), samples, int(seed))
         return Path(**found)
+
+    @staticmethod
+    def _check_surface(lod: int, min_weight: float) -> None:
+        if lod not in (0, 1, 2, 3):
+            raise ValueError(f"lod: expected 0, 1, 2 or 3, not {lod!r}")
+        if not 0 <= min_weight <= 1000:
+            raise ValueError(f"min_weight: expected a number from 0 to 1000, not {min_weight!r}")
+
+    def _check_submap(self, number: int) -> None:
+        known = [submap.id for submap in self.submaps]
+        if number not in known:
+            raise ValueError(f"submap: there is none with number {number}; there are {known}")
 
     def _needs_occupancy(self, what: str) -> None:
         if not self.has_occupancy:
@@ -535,6 +520,6 @@ class Map:
             return "Map(closed)"
         fields = [name for name, has in (("distances", self.has_distances), ("occupancy", self.has_occupancy)) if has]
         submaps = self._inner.submaps()
-        scans = sum(len(nodes) for _, _, nodes in submaps)
+        scans = sum(len(nodes) for _, _, nodes, _ in submaps)
         parts = [f"{scans:,} scans", f"{len(submaps):,} submaps", f"voxels of {self.voxel_size:g} m", " and ".join(fields) or "empty", f"{self.nbytes / 1e6:.1f} MB"]
         return f"Map({', '.join(parts)})"

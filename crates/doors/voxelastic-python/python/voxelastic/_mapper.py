@@ -12,10 +12,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _arrays, _native
-from ._arrays import Pose
-from ._dataset import Dataset, Edge, Event, PoseUpdate, Scan, _EdgeOfData, _PoseUpdateOfData
+from ._answers import Submap, SubmapChanges, _changes, _submaps
+from ._arrays import Points, Pose
+from ._dataset import Dataset
 from ._errors import RefusedError, RunWarning
+from ._events import Edge, Event, PoseUpdate, Scan, _EdgeOfData, _PoseUpdateOfData
 from ._map import Map
+from ._memory import give_back
 from ._progress import Progress, reported
 from ._settings import SettingArguments, Settings
 
@@ -83,7 +86,7 @@ class Mapper:
         **changes: Unpack[SettingArguments],
     ) -> None:
         if settings is not None and not isinstance(settings, Settings):
-            raise TypeError(f"settings: expected Settings, not {settings!r}; settings are keyword arguments: Mapper(voxel_size=0.1)")
+            raise TypeError(f"settings: expected Settings, not {settings!r} of type {type(settings).__name__}; settings are keyword arguments: Mapper(voxel_size=0.1)")
         self._settings = (settings or Settings()).replace(**changes)
         place = None if path is None else pathlib.Path(path)
         self._inner = _native.Mapper(self._settings.as_text(), loops, bool(optimise), place, str(checkpoints), bool(restart))
@@ -115,7 +118,7 @@ class Mapper:
 
     def integrate(
         self,
-        points: ArrayLike,
+        points: Points,
         pose: Pose | None = None,
         *,
         node: int | None = None,
@@ -132,12 +135,12 @@ class Mapper:
 
         Args:
             points: N x 3 coordinates in the lidar frame, metres; or rows x columns x 3 for an organised cloud, rows being the rings of the sensor.
-                Points that are zero or not finite are beams without return. float32 is used as it is.
+                Points that are zero or not finite are beams without return. float32 is used as it is. Of a cloud of Open3D, its coordinates are taken.
             pose: The lidar frame in the map frame: a 4 x 4 matrix, or a translation and a quaternion (x, y, z, w). Without it, the scan is registered to those
                 before, and the map has the frame of the first scan; then all scans must come without, close enough to overlap: as the sensor delivers them.
             node: Number of the scan's node; by default one more than that of the scan before, from 0 on.
             time: Time stamp of the scan, seconds, for scans without poses; by default 0.1 more than that of the scan before.
-            intensity: N strengths of the returns in the sensor's own scale.
+            intensity: N strengths of the returns in the sensor's own scale, finite where there is a return.
             colours: N x 3 colours, sRGB, 0 to 255; [0, 0, 0] where a point has none.
             ring: N numbers of the beams' rings, from 0.
             times: N times of the points in seconds, relative to that of the pose.
@@ -145,33 +148,26 @@ class Mapper:
                 `times` the scan is undistorted; leave it out if that has been done.
 
         Raises:
-            ValueError: An array has another shape, or the pose is not rigid.
-            RefusedError: The scan cannot be used: the node has a scan already, no point is in range, the sensor cannot be recognised, or a scan without pose
+            ValueError: An array has another shape, a number that must be finite is not, or the pose is not rigid.
+            TypeError: An array is not one of numbers, or it is masked.
+            RefusedError: The scan cannot be used: the node has a scan already, no point is a return in range, the sensor cannot be recognised, or a scan without pose
                 fits nowhere.
         """
         cloud, rows = _arrays.cloud(points)
-        count = len(cloud)
-        if motion is not None and times is None:
-            raise ValueError("motion: a scan is undistorted by the times of its points; pass them as `times`")
-        number = self._next_node if node is None else _arrays.node(node)
-        stamp = self._next_time if time is None else float(time)
-        # Also after a refusal: the time has passed.
-        self._next_time = stamp + 0.1
-        report = self._inner.integrate(
-            number,
-            None if pose is None else _arrays.pose(pose),
-            stamp,
-            cloud,
-            rows,
-            None if intensity is None else _arrays.channel(intensity, "intensity", count, np.float32),
-            None if colours is None else _arrays.colours(colours, count),
-            None if ring is None else _arrays.channel(ring, "ring", count, np.uint16),
-            None if times is None else _arrays.channel(times, "times", count, np.float32),
-            None if motion is None else _arrays.motion(motion),
-        )
+        channels = _arrays.channels(cloud, intensity=intensity, colours=colours, ring=ring, times=times, motion=motion)
+        exact = None if pose is None else _arrays.pose(pose)
+        number, stamp = self._stamp(node, time)
+        report = self._inner.integrate(number, exact, stamp, cloud, rows, channels)
         self._next_node = number + 1
         self._warn(2)
         return _report(report)
+
+    def _stamp(self, node: int | None, time: float | None) -> tuple[int, float]:
+        """Node and time of a scan that comes; time passes also if it is refused."""
+        number = self._next_node if node is None else _arrays.node(node)
+        stamp = self._next_time if time is None else _arrays.time(time)
+        self._next_time = stamp + 0.1
+        return number, stamp
 
     def add_odometry_edge(self, first: int, second: int, pose: Pose, *, information: Optional[ArrayLike] = None) -> None:
         """Adds the measured pose between two consecutive nodes. Without such edges, the poses of the scans are taken for it.
@@ -181,6 +177,8 @@ class Mapper:
             second: Number of the node after it.
             pose: The lidar frame of `second` in that of `first`.
             information: 6 x 6, translation (1 / m^2) before rotation (1 / rad^2), in the lidar frame of `second`; used where the mapper optimises. None: as usual.
+
+        An edge of a node whose scan has not come waits for it; `finish` warns of those that wait still.
 
         Raises:
             RefusedError: Both are the same node.
@@ -196,6 +194,8 @@ class Mapper:
             pose: The lidar frame of `second` in that of `first`.
             information: 6 x 6, translation (1 / m^2) before rotation (1 / rad^2), in the lidar frame of `second`; used where the mapper optimises. None: as usual.
 
+        An edge of a node whose scan has not come waits for it; `finish` warns of those that wait still.
+
         Raises:
             RefusedError: Both are the same node.
         """
@@ -209,7 +209,7 @@ class Mapper:
         """Corrects poses, for example after a loop closure. The map follows at once: submaps move, no scan is integrated again.
 
         Args:
-            poses: The corrected pose, lidar frame in map frame, of each node. Nodes without a scan are ignored.
+            poses: The corrected pose, lidar frame in map frame, of each node. Nodes without a scan are ignored; `finish` says how many.
 
         Raises:
             ValueError: A pose is not rigid; the map is unchanged.
@@ -220,15 +220,15 @@ class Mapper:
         self._inner.update_poses(nodes, [_arrays.pose(pose, f"poses[{number}]") for number, pose in poses.items()])
 
     def handle(self, event: Event) -> ScanReport | None:
-        """Takes an event of a data set or a simulation as it is: a scan, an edge or corrected poses. A scan gives a report, unless it has no pose and is one that
-        `every` of the data set leaves out.
+        """Takes an event of a data set or a simulation as it is, or one that you made: a scan, an edge or corrected poses. A scan gives a report, unless it has no pose
+        and is one that `every` of the data set leaves out.
 
         Raises:
             RefusedError: The event cannot be used; the map is unchanged.
         """
         match event:
             case Scan():
-                integrated = self._inner.integrate_scan(event._inner)
+                integrated = self._inner.integrate_scan(event._inner, *self._stamp(event.node, event.time))
                 self._warn(2)
                 if integrated is None:
                     return None
@@ -244,7 +244,7 @@ class Mapper:
             case PoseUpdate():
                 self.update_poses(event.poses)
             case _:
-                raise TypeError(f"event: expected a Scan, an Edge or a PoseUpdate of a data set, not {type(event).__name__}")
+                raise TypeError(f"event: expected a Scan, an Edge or a PoseUpdate, not {type(event).__name__}")
         return None
 
     def replay(self, dataset: Dataset, *, strict: bool = False, progress: Progress = None) -> int:
@@ -278,9 +278,34 @@ class Mapper:
         None with `dynamic="keep"`, where nothing is set aside."""
         return self._inner.moving_points()
 
-    def snapshot(self) -> Map:
-        """A copy of the map as it is now. Mapping can go on."""
-        return Map._of(self._inner.snapshot())
+    @property
+    def submaps(self) -> list[Submap]:
+        """The rigid parts of the map as it is now, by number."""
+        return _submaps(self._inner.submaps())
+
+    def changed_since(self, before: Sequence[Submap]) -> SubmapChanges:
+        """What has become of the submaps since they were `before`: which are to be meshed again, which were only moved by a correction, and which are no more.
+
+        A viewer keeps a mesh of each submap up to date by `mapper.snapshot(submaps=changes.changed).mesh(submap=number)`.
+
+        Args:
+            before: What `submaps` was at an earlier moment; an empty list for the beginning.
+        """
+        return _changes(before, self.submaps)
+
+    def snapshot(self, *, submaps: Sequence[int] | None = None) -> Map:
+        """A copy of the map as it is now. Mapping can go on.
+
+        Args:
+            submaps: Numbers of the submaps that are wanted, by default all: copies of few take less time and memory.
+
+        Raises:
+            ValueError: There is no such submap.
+        """
+        wanted = None if submaps is None else [_arrays.node(number, "submaps") for number in submaps]
+        if wanted is not None and (unknown := set(wanted) - {submap.id for submap in self.submaps}):
+            raise ValueError(f"submaps: there is none with number {min(unknown)}; there are {[submap.id for submap in self.submaps]}")
+        return Map._of(self._inner.snapshot(wanted))
 
     def finish(self) -> Map:
         """Completes the map, resolves conflicts between its submaps, saves it if the mapper has a `path`, and hands it over without a copy. The mapper takes nothing
@@ -294,8 +319,9 @@ class Mapper:
         return Map._of(native)
 
     def close(self) -> None:
-        """Frees the map, unless `finish` handed it over. The mapper takes nothing after that; closing a second time does nothing."""
-        self._inner.close()
+        """Frees the map and gives its memory back to the system, unless `finish` handed it over. The mapper takes nothing after that; closing a second time does nothing."""
+        if self._inner.close():
+            give_back()
 
     def __enter__(self) -> Self:
         return self

@@ -1,6 +1,8 @@
 """A budget for the memory of the process."""
 
+import ctypes
 import os
+import threading
 from typing import Optional, Union
 
 from . import _native
@@ -23,3 +25,22 @@ def limit_memory(size: Union[int, str], folder: Optional[Union[str, os.PathLike[
         SettingError: the text is not a size, or the folder cannot be used.
     """
     _native.limit_memory(str(size) + "B" if isinstance(size, int) and size else str(size or "none"), folder)
+
+
+# Of malloc.h, and what the GNU C library sets by itself in a process that has freed an array of 32 MB.
+_TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
+_KEPT_AT_MOST, _MAPPED_FROM = 64 << 20, 32 << 20
+_giving_back = threading.Lock()
+
+
+def give_back() -> None:
+    """Gives memory that was freed back to the system. The GNU C library keeps it otherwise: up to 64 MB at the end of each thread's memory, and all gaps."""
+    library = ctypes.CDLL(None)
+    if not hasattr(library, "mallopt") or not hasattr(library, "malloc_trim"):
+        return
+    with _giving_back:
+        library.mallopt(_TRIM_THRESHOLD, 0)
+        _native.free_in_every_thread()
+        library.mallopt(_TRIM_THRESHOLD, _KEPT_AT_MOST)
+        library.mallopt(_MMAP_THRESHOLD, _MAPPED_FROM)
+        library.malloc_trim(0)

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _arrays, _native
+from ._arrays import Points
 
 __all__ = ["Mesh"]
 
@@ -44,7 +45,7 @@ class Mesh:
         extras = [name for name in ("intensity", "colours") if getattr(self, name) is not None]
         return f"Mesh({len(self.vertices):,} vertices, {len(self):,} triangles{''.join(f', {name}' for name in extras)})"
 
-    def distance(self, points: ArrayLike, *, up_to: float = np.inf) -> NDArray[np.float32]:
+    def distance(self, points: Points, *, up_to: float = np.inf) -> NDArray[np.float32]:
         """Distances from points to the nearest triangle, for example of scans that were not mapped.
 
         Args:

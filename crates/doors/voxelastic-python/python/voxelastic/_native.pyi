@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Mapping, Sequence
-from typing import Any, Optional, final
+from typing import Any, Optional, TypeAlias, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,9 +24,12 @@ __all__ = [
     "compare_surfaces",
     "complete_settings",
     "finish_tiles",
+    "free_in_every_thread",
     "join_manifests",
     "esdf",
+    "export",
     "limit_memory",
+    "merge_into",
     "mesh_distances",
     "optimise_graph",
     "plan",
@@ -48,6 +51,9 @@ def run_command(arguments: Sequence[str]) -> int:
 
 def use_threads(threads: int) -> None:
     """Limits the threads of this process, for one of several on a machine; 0 for one per core."""
+
+def free_in_every_thread() -> None:
+    """Allocates and frees in every thread, so that the C library looks at the memory that it keeps for each of them."""
 
 def limit_memory(size: str, folder: str | os.PathLike[str] | None) -> None:
     """Limits the memory of this process to a size as text; `none` removes the limit."""
@@ -90,6 +96,15 @@ def plan(
     seed: int,
 ) -> dict[str, Any]:
     """A path: its waypoints and what is known about it, by the names of `voxelastic.Path`."""
+
+# Intensities, colours, rings and times of points, and the times and poses of a motion, each if there is one.
+_Channels: TypeAlias = tuple[
+    NDArray[np.float32] | None,
+    NDArray[np.uint8] | None,
+    NDArray[np.uint16] | None,
+    NDArray[np.float32] | None,
+    tuple[Sequence[float], Sequence[NDArray[np.float64]]] | None,
+]
 
 @final
 class Dataset:
@@ -135,7 +150,23 @@ class Events:
 
 @final
 class Scan:
-    """A scan of a data set or a simulation."""
+    """A scan of a data set or a simulation, or one made of arrays."""
+
+    @staticmethod
+    def of(
+        node: int,
+        time: float,
+        pose: NDArray[np.float64] | None,
+        points: NDArray[np.float32],
+        rows: int,
+        channels: _Channels,
+        before: Scan | None,
+        keeps_motion: bool,
+    ) -> Scan:
+        """A scan of arrays. Of `before`, if it is that with changes, stays what arrays do not tell, and, if wanted, its motion."""
+
+    def exact_pose(self) -> NDArray[np.float64] | None:
+        """x, y, z, qx, qy, qz, qw of its pose, if it has one, to the last bit."""
 
     def stamp(self) -> tuple[int, float, list[list[float]] | None]:
         """Its node, time stamp in seconds, and pose as a 4 x 4 matrix, if it has one."""
@@ -175,16 +206,12 @@ class Mapper:
         time: float,
         points: NDArray[np.float32],
         rows: int,
-        intensity: NDArray[np.float32] | None,
-        colours: NDArray[np.uint8] | None,
-        ring: NDArray[np.uint16] | None,
-        times: NDArray[np.float32] | None,
-        motion: tuple[Sequence[float], Sequence[NDArray[np.float64]]] | None,
+        channels: _Channels,
     ) -> tuple[int, int, str, int, list[list[float]]]:
         """Integrates a scan of points in the lidar frame. Returns the node, its submap, how that was chosen, the number of usable returns, and the pose."""
 
-    def integrate_scan(self, scan: Scan) -> tuple[int, int, str, int, list[list[float]]] | None:
-        """Integrates a scan of a data set. None: it has no pose, was registered, and is not to be mapped."""
+    def integrate_scan(self, scan: Scan, node: int, time: float) -> tuple[int, int, str, int, list[list[float]]] | None:
+        """Integrates a scan as that of `node` at `time`. None: it has no pose, was registered, and is not to be mapped."""
 
     def replay(self, dataset: Dataset, events: Events, most: int) -> tuple[int, list[str], bool]:
         """Handles up to `most` events. Returns the number of scans integrated, what is wrong with others, and whether that was all."""
@@ -206,11 +233,14 @@ class Mapper:
     def settings(self) -> list[tuple[str, str]]:
         """The settings as text."""
 
-    def snapshot(self) -> Map:
-        """A copy of the present map."""
+    def submaps(self) -> list[tuple[int, list[list[float]], list[int], int]]:
+        """The submaps of the present map, as `Map.submaps`."""
 
-    def close(self) -> None:
-        """Frees the map; nothing if it was handed over."""
+    def snapshot(self, only: Sequence[int] | None) -> Map:
+        """A copy of the present map, or of some of its submaps."""
+
+    def close(self) -> bool:
+        """Frees the map. False if it was handed over."""
 
     def finish(self) -> tuple[Map, list[tuple[str, str]]]:
         """Completes the map, saves it if it is kept on disk, and hands it over, with what was said meanwhile: codes and texts."""
@@ -223,8 +253,8 @@ class Map:
     def open(path: str | os.PathLike[str], keep_vanished: bool) -> tuple[Map, list[str]]:
         """Opens a stored map, with or without what later sessions saw to be gone; also returns what is wrong with its settings."""
 
-    def close(self) -> None:
-        """Closes the map: its memory is free when no call uses it any more."""
+    def close(self) -> bool:
+        """Closes the map: its memory is free when no call uses it any more. Whether that is now."""
 
     def copy(self) -> Map:
         """Another map of the same memory: each is closed by itself."""
@@ -253,8 +283,8 @@ class Map:
     def fields(self) -> tuple[bool, bool]:
         """Whether it has signed distances, and whether it has occupancy."""
 
-    def submaps(self) -> list[tuple[int, list[list[float]], list[int]]]:
-        """Each submap: identifier, the pose in the map frame as a 4 x 4 matrix, its nodes."""
+    def submaps(self) -> list[tuple[int, list[list[float]], list[int], int]]:
+        """Each submap: identifier, the pose in the map frame as a 4 x 4 matrix, its nodes, the number of changes."""
 
     def poses(self) -> list[tuple[int, list[list[float]]]]:
         """The nodes with the present poses of their scans."""
@@ -262,8 +292,8 @@ class Map:
     def bounds(self) -> tuple[list[float], list[float]] | None:
         """Smallest and largest coordinates of what was observed, map frame; none for an empty map."""
 
-    def mesh(self, surface: str, lod: int, min_weight: float, close_gaps: bool, keep_all: bool, shells: bool) -> tuple[Any, ...]:
-        """Vertices, triangles, normals, scales, intensities and colours of a surface."""
+    def mesh(self, surface: str, lod: int, min_weight: float, close_gaps: bool, keep_all: bool, shells: bool, submap: int | None) -> tuple[Any, ...]:
+        """Vertices, triangles, normals, scales, intensities and colours of a surface, of one submap or of all."""
 
     def blocks(self, submap: int) -> list[tuple[int, NDArray[np.int32], NDArray[np.float32], NDArray[np.float32]]] | None:
         """The voxels of a submap, by scale: the scale, coordinates of the blocks, distances and weights of their voxels."""
@@ -301,8 +331,8 @@ class Localiser:
         rows: int,
         times: NDArray[np.float32] | None,
         guess: tuple[Sequence[float], float] | None,
-    ) -> tuple[list[list[float]], bool, float, float] | None:
-        """The fields of `voxelastic.Location`; none if the scan has no returns or fits nowhere. `guess`: a position, and a distance from it in metres."""
+    ) -> list[tuple[list[list[float]], bool, float, float, float, list[list[float]] | None]]:
+        """The first fields of `voxelastic.Location`, the best first; none if the scan has no returns or fits nowhere. `guess`: a position, and a distance from it in metres."""
 
 @final
 class Simulation:
@@ -369,6 +399,14 @@ def write_mesh(
     origin: Sequence[float],
 ) -> None:
     """Writes a mesh in the format that the ending of its name says."""
+
+def export(map: Map, path: str, voxel: float | None, lod: int, min_weight: float) -> None:
+    """Writes a map in the format that the name of the file or folder says."""
+
+def merge_into(
+    map: Map, into: str | os.PathLike[str], pose: NDArray[np.float64] | None, same_frame: bool
+) -> tuple[list[int], str, list[list[float]], int, float, list[tuple[str, str]]]:
+    """Adds a map to one on disk. Returns the fields of `voxelastic.Merged`, and what was said: codes and texts."""
 
 def mesh_distances(
     vertices: NDArray[np.float32], triangles: NDArray[np.int32], points: NDArray[np.float32], cut_off: float

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import numbers
 from typing import TYPE_CHECKING, Any, Literal, TypedDict
 
 from . import _native
@@ -23,7 +24,7 @@ class SettingArguments(TypedDict, total=False):
     sensor: str
     lambda_odom: float
     threads: int
-    memory: str
+    memory: str | float
     lambda_cluster: float
     loop_tolerance: float
     loop_angle_tolerance: float
@@ -41,8 +42,8 @@ class SettingArguments(TypedDict, total=False):
     dynamic: Literal["keep", "remove"]
     laps: Literal["fused", "apart"]
     no_return: Literal["unknown", "free"]
-    robot_radius: str
-    robot_height: str
+    robot_radius: str | float
+    robot_height: str | float
     scale_hysteresis: float
 
 
@@ -53,6 +54,7 @@ class Settings:
     Lengths are metres and angles degrees. `Settings(voxel_size=0.1).replace(max_range=30)` changes some of them.
 
     Raises:
+        TypeError: A value is of another type: text instead of a number, or a number with a fraction instead of a whole one.
         SettingError: A value is out of range, or settings contradict each other.
     """
 
@@ -74,7 +76,7 @@ class Settings:
     """Distance travelled from a submap's root pose after which the next submap is started. Allowed: 0.1 to 100000 m."""
     threads: int = 0
     """Number of threads; 0 for all cores. The map does not depend on it. Allowed: 0 to 1024."""
-    memory: str = "none"
+    memory: str | float = "none"
     """Memory that the program may have: what of the map is beyond it is kept in a file in TMPDIR or /var/tmp. The map does not depend on
     it. Allowed: a size such as 500MB or 2GB | none.
     """
@@ -139,11 +141,11 @@ class Settings:
     """How a beam without return is interpreted: unknown (it is ignored), or free (the space along it is free up to max_range; only for
     sensors that report every surface in range). Allowed: unknown | free.
     """
-    robot_radius: str = "auto"
+    robot_radius: str | float = "auto"
     """Where the sensor stood, space within this radius is free, unless it was observed occupied or is hidden behind what was: a robot
     can start where it was. auto: min_range, at most 0.5 m; 0 for none. Allowed: auto | 0 to 5 m.
     """
-    robot_height: str = "auto"
+    robot_height: str | float = "auto"
     """How far the space of robot_radius reaches along the axis of the sensor, to both sides: a robot that sees nothing above and below
     it needs much free space beside it to set off, and must not sink into what it has not seen. auto: robot_radius. Allowed: auto | 0
     to 5 m.
@@ -154,6 +156,8 @@ class Settings:
     """
 
     def __post_init__(self) -> None:
+        for field in dataclasses.fields(self):
+            object.__setattr__(self, field.name, _of_type(field.name, str(field.type), getattr(self, field.name)))
         _native.complete_settings(self.as_text())
 
     def __repr__(self) -> str:
@@ -185,3 +189,21 @@ class Settings:
             # Refused, with the name that may be meant.
             _native.complete_settings({name: str(changes[name]) for name in unknown})
         return dataclasses.replace(self, **changes)
+
+
+def _of_type(name: str, kind: str, value: Any) -> Any:
+    """The value of a setting as the type that it is annotated with."""
+    is_whole, is_number = (isinstance(value, which) and not isinstance(value, bool) for which in (numbers.Integral, numbers.Real))
+    match kind:
+        case "int" if is_whole:
+            return int(value)
+        case "float" if is_number:
+            return value if isinstance(value, int | float) else float(value)
+        case "str | float" if is_number:
+            return str(int(value) if is_whole else float(value))
+        case "str | float" | "str" if isinstance(value, str):
+            return value
+        case _ if kind.startswith("Literal") and isinstance(value, str):
+            return value
+    expected = {"int": "a whole number (int)", "float": "a number (float)", "str": "text (str)", "str | float": "a number (float) or text (str)"}
+    raise TypeError(f"{name}: expected {expected.get(kind, 'text (str)')}, not {value!r} of type {type(value).__name__}")

@@ -11,7 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _arrays, _native
-from ._dataset import Dataset, Event, Scan, _event
+from ._arrays import Points
+from ._dataset import Dataset
+from ._events import Event, Scan, _event
 
 __all__ = ["Simulation"]
 
@@ -90,7 +92,7 @@ class Simulation:
         for k in range(len(self)):
             yield from (_event(*item) for item in self._inner.events(k))
 
-    def distance(self, points: ArrayLike) -> NDArray[np.float64]:
+    def distance(self, points: Points) -> NDArray[np.float64]:
         """N exact signed distances from N x 3 points to the nearest surface of the world, metres, negative in solids (to a depth of 1 m)."""
         return self._inner.distance(_arrays.doubles(points, "points"))
 

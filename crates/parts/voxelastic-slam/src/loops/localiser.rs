@@ -7,7 +7,7 @@ use super::signature::SignatureMaker;
 use crate::deskew::returns;
 use crate::free_space::FreeSpace;
 use crate::registration::{Downsampler, LocalMap, RegistrationSettings, automatic_voxel_size, register};
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::{Matrix6, UnitQuaternion, Vector3};
 use rayon::prelude::*;
 use voxelastic::Cloud;
 use voxelastic::geometry::{Pose, PoseExt, Rigid};
@@ -79,7 +79,14 @@ pub struct Located {
     pub contradiction: f64,
     /// Whether overlap and contradiction are within their limits.
     pub is_certain: bool,
+    /// Robust mean distance of the scan's surfaces to those of the map, metres.
+    pub spread: f64,
+    /// Information of the pose in the lidar frame (x y z roll pitch yaw), inverse square metres and radians, of a pose that was refined.
+    pub information: Option<Matrix6<f64>>,
 }
+
+/// Poses so near each other are the same, voxels; and radians.
+const SAME: (f64, f64) = (2.0, 0.2);
 
 /// Localises scans in a map.
 #[derive(Debug)]
@@ -103,15 +110,21 @@ impl Localiser {
     /// Finds the pose of a scan. If it is known about where it was taken, only poses there count. `None` if the scan has no returns, the map has no place
     /// there, or the scan cannot be registered to any.
     pub fn locate(&mut self, cloud: &Cloud, about: Option<Whereabouts>) -> Option<Located> {
+        self.locate_all(cloud, about).into_iter().next()
+    }
+
+    /// As [`locate`](Self::locate), with the other places that the scan was registered to: the best first, which is refined, and then by how well it fits. Empty where
+    /// that is `None`.
+    pub fn locate_all(&mut self, cloud: &Cloud, about: Option<Whereabouts>) -> Vec<Located> {
         let mut used = Vec::new();
         returns(cloud, cloud.motion.as_ref(), [self.settings.min_range, self.settings.max_range], &mut used);
         if used.is_empty() {
-            return None;
+            return Vec::new();
         }
         let voxel = self.prepare(&used);
         let points = thinned(&mut self.downsampler, &used, voxel, MOST_POINTS);
         let scan = Keyframe { node: 0, t_map_lidar: Pose::identity(), piece: 0, path: 0.0, points };
-        let view = Place::new(&[&scan], voxel, &self.maker)?;
+        let Some(view) = Place::new(&[&scan], voxel, &self.maker) else { return Vec::new() };
         let points = surfels(&view.scans, voxel);
         let free = FreeSpace::new(&view.views(), voxel as f32);
         let candidates = self.candidates(&view, voxel, about.as_ref());
@@ -131,16 +144,30 @@ impl Localiser {
                 score: found.score,
                 contradiction,
                 is_certain: found.overlap >= self.settings.least_overlap && contradiction <= self.settings.most_contradiction,
+                spread: found.spread,
+                information: None,
             })
         });
-        let found: Vec<Located> = found.collect();
+        let mut found: Vec<Located> = found.collect();
         let quality = |l: &Located| l.score * (1.0 - 4.0 * l.contradiction);
-        let best = found.into_iter().max_by(|a, b| quality(a).total_cmp(&quality(b)))?;
-        Some(Located { t_map_lidar: self.refined(&best.t_map_lidar, &used, voxel).unwrap_or(best.t_map_lidar), ..best })
+        // Of equals, the last was the best so far.
+        found.reverse();
+        found.sort_by(|a, b| quality(b).total_cmp(&quality(a)));
+        let mut distinct: Vec<Located> = Vec::new();
+        for located in found {
+            if distinct.iter().all(|better| !is_same(&better.t_map_lidar, &located.t_map_lidar, voxel)) {
+                distinct.push(located);
+            }
+        }
+        if let Some(best) = distinct.first_mut() {
+            *best = self.refined(best, &used, voxel).unwrap_or(*best);
+        }
+        distinct
     }
 
-    /// The pose once more, with voxels of half the size and all points of the map.
-    fn refined(&self, t_map_lidar: &Pose, returns: &[[f32; 3]], voxel: f64) -> Option<Pose> {
+    /// A pose once more, with voxels of half the size and all points of the map.
+    fn refined(&self, located: &Located, returns: &[[f32; 3]], voxel: f64) -> Option<Located> {
+        let t_map_lidar = &located.t_map_lidar;
         let fine = 0.5 * voxel;
         let t_lidar_map = Rigid::from(&t_map_lidar.inverse());
         let radius = (RADIUS * voxel) as f32;
@@ -152,9 +179,13 @@ impl Localiser {
         let mut points = Vec::new();
         scan.surfels(&mut points);
         let settings = RegistrationSettings { max_iterations: 30, convergence: 1e-4, least_scale: 0.1 * voxel, point_weight: 1.0 };
-        let found = register(&points, &Pose::identity(), &[map], REFINED_BY * voxel, &settings)?;
-        let is_small = found.t_map_lidar.translation.vector.norm() < voxel;
-        is_small.then(|| t_map_lidar * found.t_map_lidar)
+        let levels = [map];
+        let found = register(&points, &Pose::identity(), &levels, REFINED_BY * voxel, &settings)?;
+        if found.t_map_lidar.translation.vector.norm() >= voxel {
+            return None;
+        }
+        let information = Some(found.information(&points, &levels));
+        Some(Located { t_map_lidar: t_map_lidar * found.t_map_lidar, spread: found.spread, information, ..*located })
     }
 
     /// Makes the places, for the voxel size that suits the first scan.
@@ -213,6 +244,10 @@ impl Whereabouts {
     fn admits(&self, t_map_lidar: &Pose) -> bool {
         self.distance(t_map_lidar) <= self.within && self.yaw.is_none_or(|yaw| turn_between(heading(&t_map_lidar.rotation), yaw) <= HEADING_ERROR)
     }
+}
+
+fn is_same(a: &Pose, b: &Pose, voxel: f64) -> bool {
+    a.translation_distance(b) < SAME.0 * voxel && a.rotation_distance(b) < SAME.1
 }
 
 /// The direction of the x axis, radians.

@@ -6,14 +6,12 @@ use crate::output;
 use crate::progress::Progress;
 use anyhow::Context;
 use serde::Serialize;
-use std::io::Write;
 use std::path::Path;
 use std::time::Instant;
 use voxelastic::atlas::Atlas;
 use voxelastic::meshing::SurfaceTiles;
-use voxelastic_eval::colour::Ramp;
-use voxelastic_io::tiles::{TilesetWriter, leaves, split};
-use voxelastic_report::tiles_page;
+use voxelastic_io::tiles::TilesetWriter;
+use voxelastic_run::export::tiles;
 use voxelastic_run::map_files;
 
 /// The keys of `--json`.
@@ -47,11 +45,7 @@ pub fn run(args: &ExportArgs, quiet: bool) -> anyhow::Result<()> {
         pool.install(|| write_whole(args, &map.atlas, voxel, &mut writer, quiet))?;
     }
     let title = args.map.file_stem().map_or_else(|| "map".into(), |name| name.to_string_lossy());
-    for (name, bytes) in tiles_page::FILES {
-        let path = folder.join(name);
-        voxelastic_files::write(&path, |file| file.write_all(bytes)).with_context(|| format!("cannot write {}", path.display()))?;
-    }
-    let report = writer.finish(&title).context("cannot write the tiles")?.unwrap_or_default();
+    let report = tiles::finish(writer, folder, &title).context("cannot write the tiles")?;
     tracing::info!(
         "{} tiles in {} levels, {} triangles at full detail, {:.1} MB, in {}",
         report.tiles,
@@ -78,36 +72,17 @@ pub fn run(args: &ExportArgs, quiet: bool) -> anyhow::Result<()> {
 
 /// Writes a surface tile by tile.
 fn stream(surface: SurfaceTiles<Atlas>, voxel: f32, writer: &mut TilesetWriter, quiet: bool) -> anyhow::Result<()> {
-    let (low, high) = surface.height_range();
-    let (all, mut done) = (surface.triangles().max(1), 0);
     let mut progress = Progress::new("tiles", None, quiet);
-    let written = leaves(&surface, f64::from(voxel), |cell, mut mesh| {
-        if mesh.colours.is_empty() {
-            mesh.colours = mesh.positions.iter().map(|p| Ramp::Land.at((p[2] - low) / (high - low))).collect();
-        }
-        done += mesh.triangles.len() as u64;
-        writer.leaf(cell, mesh)?;
-        progress.step(|| format!("{} % of the surface", 100 * done / all));
-        Ok(())
-    });
-    written.context("cannot write the tiles")
+    let mut step = |done: u64, all: u64| progress.step(|| format!("{} % of the surface", 100 * done / all));
+    tiles::stream(&surface, voxel, writer, &mut step).context("cannot write the tiles")
 }
 
 /// Writes a surface that is made as a whole.
 fn write_whole(args: &ExportArgs, atlas: &Atlas, voxel: f32, writer: &mut TilesetWriter, quiet: bool) -> anyhow::Result<()> {
-    let mut whole = map_mesh(atlas, &args.surface, args.layers)?;
-    if let Some(colours) = colours(&whole, default_colour(&whole))? {
-        whole.mesh.colours = colours;
-    }
-    let leaves = split(&whole.mesh, f64::from(voxel));
-    drop(whole);
-    let mut progress = Progress::new("tiles", leaves.len() as u64, quiet);
-    for (cell, mesh) in leaves {
-        let triangles = mesh.triangles.len();
-        writer.leaf(cell, mesh).context("cannot write the tiles")?;
-        progress.step(|| format!("{triangles} triangles"));
-    }
-    Ok(())
+    let whole = map_mesh(atlas, &args.surface, args.layers)?;
+    let mut progress = Progress::new("tiles", None, quiet);
+    let mut step = |done: u64, all: u64| progress.step(|| format!("{done} of {all}"));
+    tiles::write_whole(whole.mesh, voxel, writer, &mut step).context("cannot write the tiles")
 }
 
 fn voxel_of(args: &ExportArgs) -> anyhow::Result<f32> {

@@ -6,7 +6,7 @@
     report = fleet.map(["monday.mcap", "s3://drives/tuesday"], "/maps/city", Client("scheduler:8786"))
     print(report)                           # map.vox, tiles and fleet.html are in /maps/city
 
-Needs `pip install voxelastic[fleet]`.
+Needs `pip install 'voxelastic[fleet]'`.
 """
 
 from ._map import Session, map  # noqa: A004

@@ -12,6 +12,7 @@ from .._errors import SettingError
 from .._settings import Settings
 from ._map import Session
 from ._map import map as map_sessions
+from ._needs import needed
 
 EXAMPLES = """examples:
   voxelastic-fleet drives/* -o city                              on this machine, with a worker for each core
@@ -47,10 +48,7 @@ def client_of(given: argparse.Namespace) -> Any:
     """The Dask client, or none for this process."""
     if given.workers == 0:
         return None
-    import distributed
-
-    # They have no types.
-    module: Any = distributed
+    module = needed("distributed")
     Client, LocalCluster = module.Client, module.LocalCluster  # noqa: N806
     if given.scheduler is not None:
         return Client(given.scheduler) if "://" in given.scheduler else Client(scheduler_file=given.scheduler)

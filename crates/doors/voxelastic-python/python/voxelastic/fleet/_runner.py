@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from ._needs import needed
 from ._tasks import Record
 
 RETRIES = 2
@@ -95,10 +96,7 @@ class Runner:
         yield from self._by_client(stage, tasks)
 
     def _by_client(self, stage: str, tasks: Sequence[Task]) -> Iterator[tuple[Task, Record]]:
-        import distributed
-
-        # It has no types.
-        as_completed: Any = distributed.as_completed
+        as_completed = needed("distributed").as_completed
         left = {task.key: task for task in tasks}
         deaths: dict[str, int] = dict.fromkeys(left, 0)
         for attempt in range(1 + SCHEDULERS):
@@ -138,11 +136,8 @@ class Runner:
 
 def _outcome(future: Any) -> Record | None:
     """The record of a task that is done; none if the scheduler does not know it any more, because it is another one. `is_killed` says that its workers died."""
-    import distributed
-
-    # They have no types.
-    cancelled: Any = distributed.CancelledError
-    killed: Any = distributed.scheduler.KilledWorker
+    distributed = needed("distributed")
+    cancelled, killed = distributed.CancelledError, distributed.scheduler.KilledWorker
     try:
         if future.status == "finished":
             record: Record = future.result()

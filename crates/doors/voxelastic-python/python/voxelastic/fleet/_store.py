@@ -13,7 +13,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
-import fsspec
+from ._needs import needed
+
+fsspec = needed("fsspec")
 
 T = TypeVar("T")
 

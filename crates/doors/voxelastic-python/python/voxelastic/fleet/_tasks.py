@@ -120,7 +120,7 @@ def integrate(store: Store, task_key: str, piece: str, first_submap: int, settin
     def work() -> Record:
         mapper = Mapper(Settings.from_text(settings), loops=False)
         for scan in _native.unpack_scans(store.read(piece)):
-            mapper._inner.integrate_scan(scan)
+            mapper._inner.integrate_scan(scan, *scan.stamp()[:2])
         made = mapper.finish()
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "part.vox"
