@@ -1,7 +1,7 @@
 //! Export of the surface as 3D Tiles, with a page that streams them.
 
 use super::args::ExportArgs;
-use crate::meshing::{colours, default_colour, map_mesh, surface_tiles};
+use crate::meshing::{map_mesh, surface_tiles};
 use crate::output;
 use crate::progress::Progress;
 use anyhow::Context;
