@@ -14,7 +14,7 @@ use voxelastic::field::tsdf::{TsdfField, WEIGHT_ONE};
 use voxelastic::geometry::{Aabb, Rigid};
 use voxelastic::octree::{BLOCK_EDGE, SCALES, block_coords};
 use voxelastic::query::{AtlasQuery, DistanceQuery};
-use voxelastic::surface::{Mesh, MeshOptions, OccupancySurface, extract_occupancy, extract_onto};
+use voxelastic::surface::{Mesh, MeshOptions, OccupancySurface};
 use voxelastic_esdf::{EsdfError, EsdfSettings, LocalEsdf};
 use voxelastic_io::Origin;
 use voxelastic_io::mesh_io::{self, MeshRef};
