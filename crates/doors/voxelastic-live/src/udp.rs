@@ -74,7 +74,7 @@ pub(crate) fn next_scan(scans: &mut LiveScans, is_stopped: &dyn Fn() -> bool) ->
             Polled::Item(Ok(scan)) => {
                 return Some(Input::RawScan(RawScan { node: scan.node, time: scan.time, cloud: scan.cloud, imu: scan.imu }, scan.name));
             }
-            Polled::Item(Err(error)) => return Some(Input::Unusable(error.to_string())),
+            Polled::Item(Err(error)) => return Some(Input::from(error)),
             Polled::Nothing => {}
             Polled::End => break,
         }

@@ -147,7 +147,9 @@ impl Events {
                 Ok(("scan", Py::new(py, scan)?.into_bound(py).into_any()))
             }
             Input::Event(event) => item(py, event),
-            Input::Unusable(problem) => Ok(("problem", errors::Kind::File.exception(py, problem).into_value(py).into_bound(py).into_any())),
+            Input::Unusable(problem) | Input::BadPose(problem) => {
+                Ok(("problem", errors::Kind::File.exception(py, problem).into_value(py).into_bound(py).into_any()))
+            }
             _ => Err(errors::bug(&"an input of an unknown kind")),
         });
         found.transpose()

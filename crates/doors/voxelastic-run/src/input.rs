@@ -13,6 +13,15 @@ pub enum Input {
     RawScan(RawScan, String),
     /// Something that came and cannot be used, in words.
     Unusable(String),
+    /// A pose that cannot be used, in words; no scan is lost with it.
+    BadPose(String),
+}
+
+impl From<voxelastic_io::Error> for Input {
+    fn from(problem: voxelastic_io::Error) -> Self {
+        let words = crate::error::one_line(&problem);
+        if matches!(problem, voxelastic_io::Error::BadPose { .. }) { Self::BadPose(words) } else { Self::Unusable(words) }
+    }
 }
 
 impl Input {

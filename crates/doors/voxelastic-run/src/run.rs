@@ -102,6 +102,10 @@ impl MappingRun {
     pub fn take(&mut self, input: Input, observer: &mut dyn Observer) -> Taken {
         let mut taken = Taken::default();
         self.position.note_input();
+        if let Input::BadPose(problem) = input {
+            self.warnings.add_repeated(Code::BadPose, format!("pose left out: {problem}"), "");
+            return taken;
+        }
         let posed = self.poses.take(input, &mut self.warnings);
         self.decide();
         match posed {

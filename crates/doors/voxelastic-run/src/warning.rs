@@ -9,6 +9,8 @@ use voxelastic_report::Warning;
 pub enum Code {
     /// A scan, or an event, cannot be used.
     ScanSkipped,
+    /// A pose that came cannot be used.
+    BadPose,
     /// A scan has no pose: it is not registered, or nothing gives one.
     NotRegistered,
     /// The trajectory begins anew: no scan fitted for a while.
@@ -50,6 +52,7 @@ impl Code {
     pub fn name(self) -> &'static str {
         match self {
             Self::ScanSkipped => "scan-skipped",
+            Self::BadPose => "bad-pose",
             Self::NotRegistered => "not-registered",
             Self::NewPiece => "new-piece",
             Self::Degenerate => "degenerate",
@@ -90,6 +93,19 @@ impl Warnings {
         } else {
             tracing::warn!("{text}; {remedy}")
         }
+        self.note(code, text, remedy);
+    }
+
+    /// Adds one of many that say the same, of which only the first is logged.
+    pub fn add_repeated(&mut self, code: Code, text: impl Into<String>, remedy: impl Into<String>) {
+        if self.all.iter().any(|known| known.code == code.name()) {
+            self.note(code, text.into(), remedy.into());
+        } else {
+            self.add(code, text, remedy);
+        }
+    }
+
+    fn note(&mut self, code: Code, text: String, remedy: String) {
         let warning = Warning { code: code.name().to_owned(), text, remedy, count: 1 };
         self.new.push(warning.clone());
         match self.all.iter_mut().find(|known| known.code == warning.code) {

@@ -51,6 +51,7 @@ pub fn read(path: impl AsRef<Path>, layout: BinLayout) -> Result<StampedCloud> {
 /// # Errors
 /// As [`read`], without [`Error::Io`].
 pub fn parse(bytes: &[u8], path: &Path, layout: BinLayout) -> Result<StampedCloud> {
+    let layout = if layout == BinLayout::Kitti && has_rings(bytes) { BinLayout::NuScenes } else { layout };
     let stride = layout.record_size();
     let excess = bytes.len() % stride;
     if excess != 0 {
@@ -69,6 +70,15 @@ pub fn parse(bytes: &[u8], path: &Path, layout: BinLayout) -> Result<StampedClou
         cloud.set_rings(column(4));
     }
     cloud.finish(path)
+}
+
+/// Whether records of five floats end with a ring each, as nuScenes' do: of files with four, the numbers at those places would be coordinates.
+fn has_rings(bytes: &[u8]) -> bool {
+    let (records, rest) = bytes.as_chunks::<20>();
+    let ring = |record: &[u8; 20]| f32::from_le_bytes([record[16], record[17], record[18], record[19]]);
+    let is_ring = |ring: f32| (0.0..256.0).contains(&ring) && ring.fract() == 0.0;
+    let first = records.first().map(ring);
+    rest.is_empty() && records.iter().all(|record| is_ring(ring(record))) && records.iter().any(|record| Some(ring(record)) != first)
 }
 
 #[cfg(test)]
@@ -96,5 +106,9 @@ mod tests {
     fn nuscenes_records_have_a_ring() {
         let cloud = parse(&bytes(&[1.0, 2.0, 3.0, 9.0, 31.0, 4.0, 5.0, 6.0, 7.0, 0.0]), Path::new("a.pcd.bin"), BinLayout::NuScenes).unwrap().cloud;
         assert_eq!((cloud.points[1], cloud.intensity, cloud.ring), ([4.0, 5.0, 6.0], Some(vec![9.0, 7.0]), Some(vec![31, 0])));
+        // Whatever the name says: 20 records of five floats are 25 of four, too.
+        let numbers: Vec<f32> = (0..20).flat_map(|k| [1.5 + k as f32, 2.25, 3.125, 9.5, (k % 4) as f32]).collect();
+        let named_as_kitti = parse(&bytes(&numbers), Path::new("a.bin"), BinLayout::Kitti).unwrap().cloud;
+        assert_eq!((named_as_kitti.points.len(), named_as_kitti.points[1]), (20, [2.5, 2.25, 3.125]));
     }
 }

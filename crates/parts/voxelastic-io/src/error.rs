@@ -101,6 +101,14 @@ pub enum Error {
         /// What to do about it.
         remedy: Cow<'static, str>,
     },
+    /// A message of a recording or a robot holds a pose that is none: it is left out, and no scan with it.
+    #[error("{}: {problem}; the poses before and after it are used", path.display())]
+    BadPose {
+        /// The recording.
+        path: PathBuf,
+        /// The message, and what is wrong with it.
+        problem: String,
+    },
     /// A folder lacks something, or its parts do not belong together.
     #[error("{}: {problem}; {remedy}", path.display())]
     Dataset {
@@ -224,6 +232,7 @@ impl Error {
             | Self::NoReturn { path, .. }
             | Self::Ambiguous { path, .. }
             | Self::NoPoses { path, .. }
+            | Self::BadPose { path, .. }
             | Self::Dataset { path, .. }
             | Self::Unwritable { path, .. }
             | Self::NotAMap { path, .. }
@@ -254,6 +263,7 @@ impl Error {
         match self {
             Self::Content { remedy, .. } | Self::NoPoses { remedy, .. } | Self::Dataset { remedy, .. } => Cow::Borrowed(remedy),
             Self::NoReturn { .. } => Cow::Borrowed("leave the scan out"),
+            Self::BadPose { .. } => Cow::Borrowed("see why the odometry gives poses that are not finite"),
             Self::Ambiguous { flag, .. } => Cow::Owned(format!("choose one with {flag}")),
             Self::Io { .. } => Cow::Borrowed("check the path, the permissions and the free space"),
             Self::NotAMap { .. } => Cow::Borrowed("give the directory of a map"),

@@ -150,7 +150,7 @@ pub type Tap<'a> = &'a dyn Fn(&LiveTopic) -> Result<Option<Box<dyn Fn(&[u8]) + S
 
 impl Transport for TopicInput {
     fn next(&mut self, is_stopped: &dyn Fn() -> bool) -> Option<Input> {
-        let unusable = |error: Error| Input::Unusable(error.to_string());
+        let unusable = Input::from;
         while !is_stopped() {
             let incoming = match &mut self.player {
                 Player::Events(events) => match events.poll() {

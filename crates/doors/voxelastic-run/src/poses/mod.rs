@@ -101,7 +101,7 @@ impl PoseStage {
     pub fn take(&mut self, input: Input, warnings: &mut Warnings) -> Posed {
         self.decide(&input)?;
         let events = match (input, &mut self.poses) {
-            (Input::Unusable(problem), _) => return Err(problem),
+            (Input::Unusable(problem) | Input::BadPose(problem), _) => return Err(problem),
             (Input::Event(Event::Scan(_)), Poses::Estimated(_)) => return Err(mixed("without poses", "has one")),
             (Input::Event(event), _) => vec![numbered(event, self.first_node)],
             (Input::RawScan(mut scan, name), Poses::Estimated(stage)) => {
@@ -128,7 +128,7 @@ impl PoseStage {
             match input {
                 Input::RawScan(..) => self.poses = Poses::Estimated(Box::new(stage().map_err(|problem| problem.one_line())?)),
                 Input::Event(_) => self.poses = Poses::Given,
-                Input::Unusable(_) => {}
+                Input::Unusable(_) | Input::BadPose(_) => {}
             }
         }
         Ok(())

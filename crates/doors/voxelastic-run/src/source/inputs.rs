@@ -59,7 +59,7 @@ impl Iterator for Inputs {
         };
         Some(item.unwrap_or_else(|problem| {
             self.is_broken |= matches!(problem, Error::Panicked { .. });
-            Input::Unusable(crate::error::one_line(&problem))
+            Input::from(problem)
         }))
     }
 }

@@ -70,7 +70,14 @@ impl<'a> MessageDecoder<'a> {
             TopicRole::Transforms => list(&mut cursor, self.topic.encoding, false, odometry),
             TopicRole::PointCloud2 | TopicRole::Livox | TopicRole::Imu => Some(Vec::new()),
         };
-        poses.ok_or_else(|| self.error("it ends early, or holds an invalid pose"))
+        poses.ok_or_else(|| Error::BadPose {
+            path: self.path.to_owned(),
+            problem: format!(
+                "message of {} at {:.3} s: it ends early, or its pose is not finite, or its quaternion zero",
+                self.topic.name,
+                self.message.time_ns as f64 * 1e-9
+            ),
+        })
     }
 
     /// The sample in a message of an inertial measurement unit.
