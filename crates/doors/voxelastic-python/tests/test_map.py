@@ -47,10 +47,10 @@ def test_options_of_meshes_do_what_they_say(room: vx.Map) -> None:
     assert np.abs(distance_to_walls(occupied.vertices)).max() < 0.4
 
 
-def test_submaps_are_fused_unless_shells_are_wanted(make_map: Callable[..., vx.Map]) -> None:
+def test_submaps_are_fused_unless_unfused_ones_are_wanted(make_map: Callable[..., vx.Map]) -> None:
     parts = make_map(lambda_odom=0.5, min_overlap=1.0)
     assert len(parts.submaps) > 2
-    assert len(parts.mesh()) < 0.7 * len(parts.mesh(shells=True))
+    assert len(parts.mesh()) < 0.7 * len(parts.mesh(unfused=True))
     assert np.quantile(np.abs(distance_to_walls(parts.mesh().vertices)), 0.95) < 0.02
 
 

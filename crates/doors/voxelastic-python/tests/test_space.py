@@ -228,3 +228,13 @@ def test_meshes_in_trimesh(room: vx.Map) -> None:
     assert isinstance(theirs, trimesh.Trimesh) and len(theirs.faces) == len(mesh)
     # Most of the room's 180 square metres are seen.
     assert 90 < theirs.area < 180 and theirs.visual.vertex_colors.shape == (len(mesh.vertices), 4)
+
+
+def test_a_field_that_is_not_there_is_an_error(make_map: Callable[..., vx.Map]) -> None:
+    surfaces, space = make_map(field="tsdf"), make_map(field="occupancy")
+    with pytest.raises(ValueError, match="state needs free and occupied space"):
+        surfaces.state([[0, 0, 0]])
+    with pytest.raises(ValueError, match="distance needs signed distances"):
+        space.distance([[0, 0, 0]])
+    with pytest.raises(ValueError, match="blocks needs signed distances"):
+        space.blocks(0)

@@ -19,12 +19,12 @@ def small_submaps(scans: list[Scan]) -> vx.Mapper:
     return mapper
 
 
-def test_the_meshes_of_submaps_are_the_shells(scans: list[Scan]) -> None:
+def test_the_meshes_of_submaps_are_those_of_the_unfused(scans: list[Scan]) -> None:
     map = small_submaps(scans).finish()
     numbers = [submap.id for submap in map.submaps]
     parts = [map.mesh(submap=number) for number in numbers]
     assert len(numbers) > 2 and min(len(part) for part in parts) > 1000
-    np.testing.assert_array_equal(np.concatenate([part.vertices for part in parts]), map.mesh(shells=True).vertices)
+    np.testing.assert_array_equal(np.concatenate([part.vertices for part in parts]), map.mesh(unfused=True).vertices)
     with pytest.raises(ValueError, match=r"submap: there is none with number 99; there are \[0, 1"):
         map.mesh(submap=99)
 

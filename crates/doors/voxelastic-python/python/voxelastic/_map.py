@@ -228,17 +228,17 @@ class Map:
         """Memory of the voxels, bytes."""
         return self._inner.nbytes()
 
-    def mesh(self, *, lod: int = 0, min_weight: float = 1.0, surface: Surface = "measured", shells: bool = False, close_gaps: bool = True, keep_all: bool = False, submap: int | None = None) -> Mesh:
+    def mesh(self, *, lod: int = 0, min_weight: float = 1.0, surface: Surface = "measured", unfused: bool = False, close_gaps: bool = True, keep_all: bool = False, submap: int | None = None) -> Mesh:
         """The surface of the whole map, or of a submap. Overlapping submaps are fused, so that a place has one surface.
 
         Args:
             lod: Level of detail: 0 is full resolution, 3 has vertices eight voxels apart.
             min_weight: Smallest number of observations of a voxel that contributes to a measured surface.
             surface: Which surface.
-            shells: Do not fuse: the measured surfaces of all submaps on top of each other. Surfaces of occupancy are always those of the submaps.
+            unfused: Do not fuse: the measured surfaces of all submaps on top of each other. Surfaces of occupancy are always those of the submaps.
             close_gaps: Close gaps of one voxel.
-            keep_all: Keep crumbs, too: pieces of a few triangles that few rays saw. Shells and the surfaces of submaps always have them.
-            submap: Number of a submap, one of those of `submaps`: its own surface, as it is in `shells`.
+            keep_all: Keep small components, too: pieces of a few triangles that few rays saw. Shells and the surfaces of submaps always have them.
+            submap: Number of a submap, one of those of `submaps`: its own surface, as it is in `unfused`.
 
         Returns:
             The mesh; without triangles if the map has no such surface.
@@ -251,7 +251,7 @@ class Map:
             raise ValueError(f'surface: expected "measured", "occupied", "free" or "frontier", not {surface!r}')
         if submap is not None:
             self._check_submap(submap)
-        arrays = self._inner.mesh(surface, int(lod), float(min_weight), bool(close_gaps), bool(keep_all), bool(shells), submap)
+        arrays = self._inner.mesh(surface, int(lod), float(min_weight), bool(close_gaps), bool(keep_all), bool(unfused), submap)
         return dataclasses.replace(Mesh(*arrays), origin=self.origin)
 
     def query(self, points: Points) -> Query:
@@ -277,8 +277,9 @@ class Map:
             N distances, metres, positive in front of surfaces. They are known in the truncation band around surfaces; NaN elsewhere.
 
         Raises:
-            ValueError: The array has another shape.
+            ValueError: The map has no signed distances, or the array has another shape.
         """
+        self._needs_distances("distance")
         return self._inner.distances(self._points(points))
 
     def state(self, points: Points) -> NDArray[np.uint8]:
@@ -288,11 +289,12 @@ class Map:
             points: N x 3 coordinates in the map frame, metres.
 
         Returns:
-            N values of `State`; `State.UNKNOWN` everywhere in maps without occupancy.
+            N values of `State`.
 
         Raises:
-            ValueError: The array has another shape.
+            ValueError: The map has no occupancy, or the array has another shape.
         """
+        self._needs_occupancy("state")
         return self._inner.states(self._points(points))
 
     def blocks(self, submap: int) -> list[Blocks]:
@@ -302,8 +304,9 @@ class Map:
             submap: Its number, one of those of `submaps`.
 
         Raises:
-            ValueError: There is no such submap.
+            ValueError: There is no such submap, or the map has no signed distances.
         """
+        self._needs_distances("blocks")
         self._check_submap(submap)
         found = self._inner.blocks(submap) or []
         arrays = []
@@ -504,6 +507,10 @@ class Map:
         if number not in known:
             raise ValueError(f"submap: there is none with number {number}; there are {known}")
 
+    def _needs_distances(self, what: str) -> None:
+        if not self.has_distances:
+            raise ValueError(f'{what} needs signed distances, which the map does not have; make it with field="tsdf" or field="both"')
+
     def _needs_occupancy(self, what: str) -> None:
         if not self.has_occupancy:
             raise ValueError(f'{what} needs free and occupied space, which the map does not have; make it with field="occupancy" or field="both"')
@@ -512,7 +519,7 @@ class Map:
         """For notebooks: a line of text, and a picture from above unless the map is large."""
         if self._inner.is_closed():
             return _picture.html(repr(self), None, 1.0)
-        mesh = self.mesh(lod=1, shells=True) if self.nbytes < _PICTURE_BYTES else None
+        mesh = self.mesh(lod=1, unfused=True) if self.nbytes < _PICTURE_BYTES else None
         return _picture.html(repr(self), mesh, 2 * self.voxel_size)
 
     def __repr__(self) -> str:

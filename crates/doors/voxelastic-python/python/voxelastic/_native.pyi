@@ -292,7 +292,7 @@ class Map:
     def bounds(self) -> tuple[list[float], list[float]] | None:
         """Smallest and largest coordinates of what was observed, map frame; none for an empty map."""
 
-    def mesh(self, surface: str, lod: int, min_weight: float, close_gaps: bool, keep_all: bool, shells: bool, submap: int | None) -> tuple[Any, ...]:
+    def mesh(self, surface: str, lod: int, min_weight: float, close_gaps: bool, keep_all: bool, unfused: bool, submap: int | None) -> tuple[Any, ...]:
         """Vertices, triangles, normals, scales, intensities and colours of a surface, of one submap or of all."""
 
     def blocks(self, submap: int) -> list[tuple[int, NDArray[np.int32], NDArray[np.float32], NDArray[np.float32]]] | None:

@@ -138,7 +138,7 @@ def _submap(made: Map, k: int, number: int, manifest: str) -> Record:
     submap = made.submaps[k]
     entry = next(entry for entry in json.loads(manifest)["submaps"] if entry["id"] == number)
     t_submap_map = np.linalg.inv(submap.pose)
-    points = made.mesh(shells=True).vertices if len(made.submaps) == 1 else np.concatenate([b.coordinates for b in made.blocks(submap.id)]) * made.voxel_size
+    points = made.mesh(unfused=True).vertices if len(made.submaps) == 1 else np.concatenate([b.coordinates for b in made.blocks(submap.id)]) * made.voxel_size
     if len(made.submaps) == 1:
         points = points @ t_submap_map[:3, :3].T + t_submap_map[:3, 3]
     if len(points) == 0:
