@@ -11,16 +11,18 @@
 //! ```
 //!
 //! [`TsdfIntegrator`] and [`OccupancyIntegrator`] each integrate scans into one field. A mapper with both fields transforms the returns once for both
-//! (`submap_scan`).
+//! (`both_fields`).
 
+mod both_fields;
 mod occupancy;
 mod rays;
 mod submap_scan;
 mod tsdf;
 
+pub(crate) use both_fields::FieldsMut;
 pub use occupancy::{OccupancyIntegrator, OccupancyPhases, OccupancySettings, OccupancyStats};
 pub use rays::returns::ReturnsView;
 pub use rays::scale::ScaleRule;
-pub(crate) use submap_scan::{FieldsMut, SubmapScan};
+pub(crate) use submap_scan::SubmapScan;
 pub(crate) use tsdf::{EarlierBlocks, Redundancy};
 pub use tsdf::{TsdfIntegrator, TsdfPhases, TsdfSettings, TsdfStats, colour_voxels};
