@@ -37,7 +37,7 @@ pub fn describe(path: impl AsRef<Path>, options: &OpenOptions) -> Result<Recordi
     }
     let mut description = describe_bag(files, &summary, options)?;
     match choose(&summary, path, options) {
-        Ok(chosen) => description.set_topics(&chosen),
+        Ok(chosen) => description.set_topics(&chosen, &summary),
         Err(error) => description.problem = Some(error.to_string()),
     }
     Ok(description)

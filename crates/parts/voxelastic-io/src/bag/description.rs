@@ -1,9 +1,10 @@
 //! What a recording consists of, for people.
 
 use super::containers::format::BagFormat;
-use super::summary::TopicSummary;
+use super::summary::{RecordingSummary, TopicSummary};
 use super::topics::ChosenTopics;
 use crate::OpenOptions;
+use crate::points::is_time;
 use crate::scan_list::Keyframing;
 use std::fmt;
 use std::path::PathBuf;
@@ -56,8 +57,13 @@ impl RecordingDescription {
         }
     }
 
-    /// Notes the chosen topics.
-    pub(super) fn set_topics(&mut self, chosen: &ChosenTopics) {
+    /// Notes the chosen topics, and which of their clouds have no times of points: nothing undistorts them.
+    pub(super) fn set_topics(&mut self, chosen: &ChosenTopics, summary: &RecordingSummary) {
+        let timeless = |name: &&String| summary.cloud_topics.get(*name).is_some_and(|topic| !topic.fields.iter().any(|field| is_time(field)));
+        for name in chosen.clouds.iter().filter(timeless) {
+            let fields = summary.cloud_topics[name].fields.join(" ");
+            self.notes.push(format!("clouds of {name} have no times of points ({fields}): what the sensor moved during a sweep is not corrected"));
+        }
         self.cloud_topic = chosen.clouds.first().cloned();
         self.more_cloud_topics = chosen.clouds.iter().skip(1).cloned().collect();
         self.notes.extend(chosen.remark.clone());

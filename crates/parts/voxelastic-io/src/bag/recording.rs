@@ -74,7 +74,7 @@ impl Recording {
             let (files, summary) = summarise(path)?;
             let chosen = choose(&summary, path, options)?;
             let mut description = describe_bag(files, &summary, options)?;
-            description.set_topics(&chosen);
+            description.set_topics(&chosen, &summary);
             (Input::Bag(chosen), description)
         };
         if let (Input::Bag(ChosenTopics { clouds, .. }), Some(graph)) = (&input, &options.graph)

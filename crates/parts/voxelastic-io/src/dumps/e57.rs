@@ -13,26 +13,17 @@ use crate::{Error, Result};
 use std::path::Path;
 use voxelastic::geometry::PoseExt;
 
-/// Scans farther from the origin than this are moved to it, metres: coordinates of a map are single precision.
-const FAR: f64 = 10_000.0;
-
 pub(super) fn find(path: &Path) -> Result<Option<Dump>> {
     if !path.is_file() || CloudFormat::of(path) != Some(CloudFormat::E57) {
         return Ok(None);
     }
-    let mut poses = e57::poses(path)?;
+    let poses = e57::poses(path)?;
     let in_one_frame = poses.len() > 1 && poses.iter().all(|pose| pose.translation_distance(&poses[0]) == 0.0);
     if in_one_frame {
         let problem = format!("{} scans that do not say where they were taken: all have the same position", poses.len());
         return Err(Error::dataset(path, problem, "export the scans with their poses, in the scanner's own frame"));
     }
     let mut dump = Dump::new("file of laser scans (E57)", "each scan's own");
-    let origin = poses.first().map_or([0.0; 3], |pose| [0, 1, 2].map(|k| pose.translation.vector[k]));
-    if origin.iter().any(|c| c.abs() > FAR) {
-        let origin = origin.map(|c| (c / 1000.0).round() * 1000.0);
-        poses.iter_mut().for_each(|pose| (0..3).for_each(|k| pose.translation.vector[k] -= origin[k]));
-        dump.notes.push(format!("coordinates of the map are relative to {origin:?} m"));
-    }
     for (k, pose) in poses.into_iter().enumerate() {
         dump.add(path.to_owned(), k as u64, k as f64, pose);
     }

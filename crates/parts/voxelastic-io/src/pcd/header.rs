@@ -64,7 +64,7 @@ pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<Header> {
                 Some("binary") => Data::Binary,
                 Some("binary_compressed") => Data::Compressed,
                 other => {
-                    let problem = format!("DATA is {other:?}");
+                    let problem = format!("DATA is {:?}", other.unwrap_or_default());
                     return Err(Error::content(path, Position::line(line), problem, "it must be ascii, binary or binary_compressed"));
                 }
             };

@@ -40,8 +40,8 @@ pub(crate) struct PoseLookup {
     source: PoseSource,
     tree: TransformTree,
     mounts: SensorMounts,
-    /// Pose of each lidar in the frame of the poses, once it is known.
-    t_child_lidar: BTreeMap<u16, Pose>,
+    /// Pose of each lidar in the frame of the poses, once it is known: by topic, and by the frame of its clouds, as several lidars may publish to one topic.
+    t_child_lidar: BTreeMap<(u16, String), Pose>,
     /// How far in time a pose may be from its scan, seconds.
     tolerance_s: f64,
 }
@@ -96,14 +96,30 @@ impl PoseLookup {
     /// Whether it is known where the lidar is on what the poses are of. The transform that says so may come after the first scan: over a network, nothing comes in order.
     pub(super) fn is_mounted(&self, frame: &str, sensor: u16) -> bool {
         let PoseSource::Topic { child, .. } = &self.source else { return true };
-        let is_known = sensor > 0 || self.t_child_lidar.contains_key(&sensor) || self.mounts.given(sensor).is_some();
+        let is_known = sensor > 0 || self.known(frame, sensor).is_some() || self.mounts.given(sensor).is_some();
         is_known || child.is_empty() || child == frame || self.tree.fixed(child, frame).is_some()
+    }
+
+    fn known(&self, frame: &str, sensor: u16) -> Option<Pose> {
+        self.t_child_lidar.get(&(sensor, frame.to_owned())).copied()
+    }
+
+    /// The frame of a topic's first cloud, and where its lidar is.
+    fn first_of(&self, sensor: u16) -> Option<(&str, Pose)> {
+        self.t_child_lidar.iter().find(|((of, _), _)| *of == sensor).map(|((_, frame), pose)| (frame.as_str(), *pose))
     }
 
     /// Pose of a lidar in the frame of the poses; `None` if it is a further one and nothing says where it is.
     fn mounting(&mut self, frame: &str, sensor: u16) -> Option<Pose> {
-        if let Some(known) = self.t_child_lidar.get(&sensor) {
-            return Some(*known);
+        if let Some(known) = self.known(frame, sensor) {
+            return Some(known);
+        }
+        if let Some((first, t_child_first)) = self.first_of(sensor) {
+            // Another lidar on the same topic.
+            let found = t_child_first * self.tree.fixed(first, frame)?;
+            tracing::info!("clouds of {frame} come on the topic of {first}, and are placed by the fixed transforms between the two");
+            self.t_child_lidar.insert((sensor, frame.to_owned()), found);
+            return Some(found);
         }
         let child = if let PoseSource::Topic { child, .. } = &self.source { child.clone() } else { String::new() };
         let found = if sensor == 0 {
@@ -114,16 +130,16 @@ impl PoseLookup {
             let first = self.mounts.first_frame.clone();
             self.mounting(&first, 0)? * self.tree.fixed(&first, frame)?
         };
-        self.t_child_lidar.insert(sensor, found);
+        self.t_child_lidar.insert((sensor, frame.to_owned()), found);
         Some(found)
     }
 
     /// Pose of a lidar in the frame that corrected poses refer to. With a transform tree that frame is unknown: that of the first lidar is assumed.
     pub(super) fn t_child_lidar(&self, frame: &str, sensor: u16) -> Pose {
-        if let Some(known) = self.t_child_lidar.get(&sensor).copied().or(self.mounts.given(sensor)) {
+        if let Some(known) = self.known(frame, sensor).or(self.mounts.given(sensor)) {
             return known;
         }
-        let first = self.t_child_lidar.get(&0).copied().or(self.mounts.given(0)).unwrap_or_default();
+        let first = self.first_of(0).map(|(_, pose)| pose).or(self.mounts.given(0)).unwrap_or_default();
         if sensor == 0 { first } else { first * self.tree.fixed(&self.mounts.first_frame, frame).unwrap_or_default() }
     }
 

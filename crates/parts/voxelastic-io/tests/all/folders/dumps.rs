@@ -180,12 +180,11 @@ fn stations_of_a_laser_scanner_are_scans() {
     let source = source::open(&file, &OpenOptions::default()).unwrap();
     assert_eq!(source.scans(), Some(4));
     assert_eq!(source.clouds().cloud(2).unwrap().points, cloud(2).points);
-    // In a country's coordinates the map counts from near the first station.
+    // In a country's coordinates: a run gives the map an origin, as behind every door.
     let far = |k: usize| Pose::translation(453_111.0, 5_421_222.0, 80.0) * pose(k);
     e57::write(&file, &[station(0, far(0)), station(1, far(1))]).unwrap();
     let dataset = dataset::open(&file, &OpenOptions::default()).unwrap();
-    assert!(dataset.description().to_string().contains("[453000.0, 5421000.0, 0.0]"), "{}", dataset.description());
-    assert!((dataset.scans()[1].t_map_lidar.translation.vector - nalgebra::Vector3::new(113.0, 222.1, 80.0)).norm() < 1e-6);
+    assert!((dataset.scans()[1].t_map_lidar.translation.vector - nalgebra::Vector3::new(453_113.0, 5_421_222.1, 80.0)).norm() < 1e-6);
     // Scans all at one place are a cloud in pieces, and poses of another file are not taken.
     e57::write(&file, &[station(0, Pose::identity()), station(1, Pose::identity())]).unwrap();
     let refused = |options: &OpenOptions| dataset::open(&file, options).unwrap_err().to_string();
