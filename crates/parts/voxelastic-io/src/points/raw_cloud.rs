@@ -185,6 +185,7 @@ mod tests {
         (times[1], times[5]) = (times[5], times[1]);
         let read = raw(&points, "timestamp", Scalar::F64, &times).finish(Path::new("a")).unwrap();
         assert!((read.stamp.unwrap() - 1000.005).abs() < 1e-9 && read.cloud.time.unwrap()[5] == 0.0, "the earliest point is the origin");
+        // One time is wrong: the others still say that they are seconds.
         times[19] = 2000.0;
         assert!(raw(&points, "timestamp", Scalar::F64, &times).finish(Path::new("a")).unwrap().cloud.time.is_none());
     }

@@ -11,7 +11,7 @@ const LONGEST_SWEEP: f64 = 60.0;
 const LARGEST_RELATIVE: f64 = 2.0;
 
 /// A sweep lasts this long, seconds: the unit of times under which one does is theirs. The ends are less than a thousand apart, so that it is one unit.
-const SWEEP: [f64; 2] = [2e-3, 1.9];
+const SWEEP: [f64; 2] = [1e-2, 1.9];
 /// The same for the unit that a driver's type of numbers stands for, which is believed in doubt.
 const USUAL_SWEEP: [f64; 2] = [5e-4, 2.5];
 
@@ -20,12 +20,15 @@ pub(super) fn relative_times(values: Vec<f64>, points: &[[f32; 3]], name: &str, 
     let is_known = |&(t, p): &(&f64, &[f32; 3])| t.is_finite() & Cloud::is_return(p);
     let Some(first) = values.iter().zip(points).find(is_known).map(|(t, _)| *t) else { return (None, None) };
     let is_curvature = name.eq_ignore_ascii_case(CURVATURE);
+    let usual = if is_curvature { 1e-3 } else { usual_unit_s(scalar, first) };
     let all = bounds(&values, first);
-    // Points without a return may have any time. Leaving them out is slower and rarely needed.
-    let of_returns = || bounds(&values.iter().zip(points).filter(is_known).map(|(t, _)| *t).collect::<Vec<f64>>(), first);
-    let fits = |(low, high): (f64, f64)| (high - low) * unit_s(scalar, is_curvature, low, high) <= LONGEST_SWEEP;
-    let (low, high) = if is_curvature || !fits(all) || is_date(all.1) != is_date(all.0) { of_returns() } else { all };
-    let unit = unit_s(scalar, is_curvature, low, high);
+    let ((low, high), unit) = if !is_curvature && lasts(all.1 - all.0, usual, USUAL_SWEEP) {
+        (all, usual)
+    } else {
+        // Points without a return may have any time. Leaving them out is slower and rarely needed.
+        let known: Vec<f64> = values.iter().zip(points).filter(is_known).map(|(t, _)| *t).collect();
+        (bounds(&known, first), unit_s(known, usual))
+    };
     // The curvature of a surface is at most 1/3; a sweep lasts longer than a third of a millisecond.
     if is_curvature && low >= 0.0 && high <= 1.0 / 3.0 {
         return (None, None);
@@ -41,11 +44,6 @@ pub(super) fn relative_times(values: Vec<f64>, points: &[[f32; 3]], name: &str, 
         (if t.abs() <= LONGEST_SWEEP + LARGEST_RELATIVE { t } else { 0.0 }) as f32
     };
     (Some(values.iter().map(|&t| relative(t)).collect()), stamp)
-}
-
-/// Whether a time can be one since 1970, in seconds or a smaller unit.
-fn is_date(time: f64) -> bool {
-    time.abs() >= 1e9
 }
 
 /// The least and the largest of the finite times and of `first`, in SIMD lanes.
@@ -65,20 +63,31 @@ fn bounds(times: &[f64], first: f64) -> (f64, f64) {
     (low.into_iter().fold(first, f64::min), high.into_iter().fold(first, f64::max))
 }
 
-/// Seconds per unit of a time field between two times of a sweep. Integers count nanoseconds, as the drivers of Ouster and Livox do, floats seconds, unless they can only be a
-/// date in milliseconds, microseconds or nanoseconds, and `curvature` milliseconds; but where a sweep cannot last as long as that says, the unit is the one under which it can.
-fn unit_s(scalar: Scalar, is_curvature: bool, low: f64, high: f64) -> f64 {
-    let usual = match low.abs().max(high.abs()) {
-        _ if is_curvature => 1e-3,
+/// Seconds per unit of a time field as drivers mean it: integers count nanoseconds, as those of Ouster and Livox do; floats are seconds, unless they can only be a date (since
+/// 1970) in milliseconds, microseconds or nanoseconds.
+fn usual_unit_s(scalar: Scalar, first: f64) -> f64 {
+    match first.abs() {
         _ if !scalar.is_float() => 1e-9,
         t if t >= 1e17 => 1e-9,
         t if t >= 1e14 => 1e-6,
         t if t >= 1e11 => 1e-3,
         _ => 1.0,
-    };
-    let lasts = |unit: f64, [shortest, longest]: [f64; 2]| (shortest..=longest).contains(&((high - low) * unit));
-    if lasts(usual, USUAL_SWEEP) {
+    }
+}
+
+/// Seconds per unit of the times of a sweep: the usual unit, but where a sweep cannot last as long as that says, the one under which it can. Most times decide, not a few that are
+/// wrong.
+fn unit_s(mut times: Vec<f64>, usual: f64) -> f64 {
+    let last = times.len() - 1;
+    let mut at = |tenths: usize| *times.select_nth_unstable_by((last * tenths + 5) / 10, f64::total_cmp).1;
+    let duration = (at(9) - at(1)) / 0.8;
+    if lasts(duration, usual, USUAL_SWEEP) {
         return usual;
     }
-    [1.0, 1e-3, 1e-6, 1e-9].into_iter().find(|unit| lasts(*unit, SWEEP)).unwrap_or(usual)
+    [1.0, 1e-3, 1e-6, 1e-9].into_iter().find(|unit| lasts(duration, *unit, SWEEP)).unwrap_or(usual)
+}
+
+/// Whether a duration in a unit of so many seconds is within limits, seconds.
+fn lasts(duration: f64, unit: f64, [shortest, longest]: [f64; 2]) -> bool {
+    (shortest..=longest).contains(&(duration * unit))
 }

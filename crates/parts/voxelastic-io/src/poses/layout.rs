@@ -82,7 +82,9 @@ impl Layout {
         };
         let index = find(&|name| ["num", "index", "id", "frame", "node", "seq", "frame_id"].contains(&name.text.as_str()));
         let index = index.filter(|_| time == TimeColumns::None);
-        Some(Self { name: "columns as their heading names them", columns: names.len(), time, index, position, rotation })
+        let found = Self { name: "columns as their heading names them", columns: names.len(), time, index, position, rotation };
+        let known = [Self::TUM, Self::NEWER_COLLEGE, Self::MCD, Self::EUROC].into_iter().find(|known| Self { name: known.name, ..found } == *known);
+        Some(known.unwrap_or(found))
     }
 
     /// What lines of numbers without a heading hold; none if that is not certain, or no poses.

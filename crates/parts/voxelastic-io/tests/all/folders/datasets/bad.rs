@@ -28,8 +28,8 @@ fn poses_that_are_wrong_name_line_and_field() {
         (good("0") + &good("1") + &good("1"), "line 3, field time"),
         (good("0") + &good("1") + &row("2", "0 0 0 one"), "line 3, field qw: \"one\" is not a number"),
         (good("0") + &good("1") + &row("2", "0 0 nan 1"), "line 3, field qz: nan is not finite"),
-        (good("0") + &good("1") + "2 1 2 3 0 0", "line 3, field qz: missing"),
-        (good("0") + &good("1") + &row("2", "0 0 0 1 5"), "line 3: unexpected \"5\" after qw"),
+        (good("0") + &good("1") + "2 1 2 3 0 0", "line 3: 6 columns, not 8 (TUM); the file is truncated"),
+        (good("0") + &good("1") + &row("2", "0 0 0 1 5"), "line 3: 9 columns, not 8 (TUM)"),
         (good("0") + &good("1"), "2 poses for 3 clouds"),
     ] {
         let folder = Folder::new();
