@@ -3,7 +3,7 @@
 //! [`run`] is all of it. The binary calls it, and so does the `voxelastic` of the Python package, within the interpreter's process.
 //!
 //! ```
-//! assert_eq!(voxelastic_cli::run(["voxelastic", "config", "--wrong"], None), 2);
+//! assert_eq!(voxelastic_cli::run(["voxelastic", "config", "--wrong"]), 2);
 //! ```
 
 // These macros panic where stderr cannot be written; `output::message` does not.

@@ -146,9 +146,8 @@ class Settings:
     can start where it was. auto: min_range, at most 0.5 m; 0 for none. Allowed: auto | 0 to 5 m.
     """
     robot_height: str | float = "auto"
-    """How far the space of robot_radius reaches along the axis of the sensor, to both sides: a robot that sees nothing above and below
-    it needs much free space beside it to set off, and must not sink into what it has not seen. auto: robot_radius. Allowed: auto | 0
-    to 5 m.
+    """Half the height of the space of robot_radius, along the axis of the sensor. A robot that sees nothing above and below it needs
+    much free space beside it to set off, and little above and below. auto: robot_radius. Allowed: auto | 0 to 5 m.
     """
     scale_hysteresis: float = 1.5
     """A block switches to a coarser scale only beyond this factor times the distance at which the coarser scale starts to fit the beams.
