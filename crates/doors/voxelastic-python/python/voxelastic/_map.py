@@ -237,7 +237,7 @@ class Map:
             surface: Which surface.
             unfused: Do not fuse: the measured surfaces of all submaps on top of each other. Surfaces of occupancy are always those of the submaps.
             close_gaps: Close gaps of one voxel.
-            keep_all: Keep small components, too: pieces of a few triangles that few rays saw. Shells and the surfaces of submaps always have them.
+            keep_all: Keep small components, too: pieces of a few triangles that few rays saw. Unfused surfaces and those of submaps always have them.
             submap: Number of a submap, one of those of `submaps`: its own surface, as it is in `unfused`.
 
         Returns:
