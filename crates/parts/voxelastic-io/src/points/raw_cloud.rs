@@ -193,6 +193,7 @@ mod tests {
     #[test]
     fn curvatures_and_too_long_sweeps_are_not_times() {
         assert!(raw(&[P, P], "curvature", Scalar::F32, &[0.01, 0.2]).finish(Path::new("a")).unwrap().cloud.time.is_none());
+        assert!(raw(&[P, P], "timestamp", Scalar::F64, &[0.0, 0.999]).finish(Path::new("a")).unwrap().cloud.time.is_none(), "shares of a sweep");
         assert!(raw(&[P, P], "time", Scalar::F32, &[0.0, 1e12]).finish(Path::new("a")).unwrap().cloud.time.is_none());
     }
 

@@ -3,12 +3,18 @@
 use super::record::Scalar;
 use super::roles::CURVATURE;
 use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
 use voxelastic::Cloud;
 
 /// No sweep takes longer, seconds.
 const LONGEST_SWEEP: f64 = 60.0;
 /// Larger times are absolute, not relative to their sweep, seconds.
 const LARGEST_RELATIVE: f64 = 2.0;
+
+/// Times from 0 to 1, to within this, are shares of a sweep: no sensor turns once a second.
+const SHARE_TOLERANCE: f64 = 0.02;
+/// Whether that was said: it is so of every cloud of a data set.
+static SAID_SHARES: AtomicBool = AtomicBool::new(false);
 
 /// A sweep lasts this long, seconds: the unit of times under which one does is theirs. The ends are less than a thousand apart, so that it is one unit.
 const SWEEP: [f64; 2] = [1e-2, 1.9];
@@ -35,6 +41,14 @@ pub(super) fn relative_times(values: Vec<f64>, points: &[[f32; 3]], name: &str, 
     }
     if (high - low) * unit > LONGEST_SWEEP {
         tracing::warn!("{}: the times in field {name} span {:.0} s, more than a sweep can take: ignored", path.display(), (high - low) * unit);
+        return (None, None);
+    }
+    if scalar.is_float() && unit == 1.0 && low.abs() < SHARE_TOLERANCE && (high - 1.0).abs() < SHARE_TOLERANCE {
+        // They would bend every sweep by ten times of what the sensor moved.
+        if !SAID_SHARES.swap(true, Ordering::Relaxed) {
+            let words = "are from 0 to 1, which is a share of the sweep, not seconds: they are ignored, and clouds are not undistorted";
+            tracing::warn!("{}: the times in field {name} {words}; write them in seconds, or in ns as whole numbers", path.display());
+        }
         return (None, None);
     }
     let stamp = Some(low * unit).filter(|s| s.abs() > LARGEST_RELATIVE);

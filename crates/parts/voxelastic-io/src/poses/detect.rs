@@ -49,14 +49,15 @@ const LEAST_COLUMNS: usize = 6;
 /// Recognises a text by its first lines; all formats but g2o consist of numbers only, perhaps below a heading. More than half of the lines must agree: a file with a
 /// wrong number is still recognised, so that its parser can name the line.
 pub(crate) fn detect(text: &str) -> Option<TextContent> {
-    let mut heading = None;
+    let (mut named, mut has_heading) = (None, false);
     let (mut rows, mut graph_lines, mut count): (Vec<Vec<f64>>, usize, usize) = Default::default();
     for line in text.lines().map(str::trim).filter(|line| !line.is_empty()) {
         let row: Option<Vec<f64>> = words(line).map(|word| word.parse().ok()).collect();
-        if line.starts_with(['#', '%'])
-            || count == 0 && row.is_none() && !is_of_graph(line) && heading.is_none_or(|h: &str| h.starts_with(['#', '%']))
-        {
-            heading = heading.filter(|_| count > 0).or(Some(line));
+        let is_comment = line.starts_with(['#', '%']);
+        let is_heading = !is_comment && !has_heading && count == 0 && row.is_none() && !is_of_graph(line);
+        if is_comment || is_heading {
+            has_heading |= is_heading;
+            named = named.or_else(|| Layout::of_heading(line));
             continue;
         }
         graph_lines += usize::from(is_of_graph(line));
@@ -72,7 +73,7 @@ pub(crate) fn detect(text: &str) -> Option<TextContent> {
     let agree = |columns: usize| rows.iter().filter(|row| row.len() == columns).count();
     let columns = rows.iter().map(Vec::len).find(|columns| 2 * agree(*columns) > count)?;
     rows.retain(|row| row.len() == columns);
-    let named = heading.and_then(Layout::of_heading).filter(|layout| layout.columns == columns);
+    let named = named.filter(|layout| layout.columns == columns);
     match (named.or_else(|| Layout::of_rows(&rows)), columns) {
         (Some(layout), _) => Some(TextContent::Poses(PoseFormat::Rows(layout))),
         (None, 1) => Some(TextContent::Times),
@@ -100,6 +101,8 @@ mod tests {
         assert_eq!(kind("1,2,3,4,5,0,0,0,1\n"), poses(PoseFormat::NEWER_COLLEGE));
         assert!(matches!(kind("#sec,nsec,x,y,z,qx,qy,qz,qw\n1,2,3,4,5,0,0,0,1\n"), Some(TextContent::Poses(PoseFormat::Rows(_)))));
         assert!(matches!(kind("sec,nsec,x,y,z,qx,qy,qz,qw\n1,2,3,4,5,0,0,0,1\n"), Some(TextContent::Poses(PoseFormat::Rows(_)))));
+        let euroc = "# ground truth\n#timestamp [ns],x,y,z,q_w,q_x,q_y,q_z\n# of the left camera\n1,2,3,4,1,0,0,0\n";
+        assert!(matches!(kind(euroc), Some(TextContent::Poses(format @ PoseFormat::Rows(_))) if format != PoseFormat::TUM), "named between comments");
         assert_eq!(kind("VERTEX_SE3:QUAT 0 0 0 0 0 0 0 1\nFIX 0\n"), poses(PoseFormat::G2o));
         assert_eq!(kind("0.1\n0.2\n"), Some(TextContent::Times));
         assert_eq!(kind("P0: 7.18e+02 0 6.07e+02 0 0 7.18e+02 1.85e+02 0 0 0 1 0\n"), None);

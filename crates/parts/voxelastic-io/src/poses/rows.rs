@@ -12,6 +12,8 @@ const POSITION: [&str; 3] = ["x", "y", "z"];
 const QUATERNION: [&str; 4] = ["qx", "qy", "qz", "qw"];
 const MATRIX: [&str; 9] = ["r11", "r12", "r13", "r21", "r22", "r23", "r31", "r32", "r33"];
 const ANGLES: [&str; 3] = ["roll", "pitch", "yaw"];
+/// Larger angles are no radians.
+const LARGEST_ANGLE: f64 = 6.3;
 
 pub(super) fn parse(text: &str, path: &Path, layout: Layout) -> Result<Trajectory> {
     let (mut poses, mut times, mut nodes, mut numbers) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
@@ -100,6 +102,10 @@ impl Row<'_> {
             }
             RotationColumns::Angles { columns, degrees } => {
                 let angles = self.numbers(columns, &ANGLES)?;
+                if !degrees && let Some(k) = (0..3).find(|&k| angles[k].abs() > LARGEST_ANGLE) {
+                    let problem = format!("{} radians are more than a turn", angles[k]);
+                    return Err(self.line.field_error(ANGLES[k], problem, "if these are degrees, say so in the heading: yaw [deg]"));
+                }
                 let [roll, pitch, yaw] = if degrees { angles.map(f64::to_radians) } else { angles };
                 UnitQuaternion::from_euler_angles(roll, pitch, yaw)
             }
@@ -153,6 +159,15 @@ mod tests {
         assert_eq!(found.poses[1].translation.z, 3.5);
         let error = read("1,5000000000,1,2,3,0,0,0,1\n", Layout::NEWER_COLLEGE).unwrap_err();
         assert!(error.to_string().contains("line 1, field nsec"), "{error}");
+    }
+
+    #[test]
+    fn angles_that_can_only_be_degrees_are_refused_as_radians() {
+        let text = |unit: &str| format!("time,x,y,z,roll,pitch,yaw{unit}\n1,0,0,0,0,0,0\n2,0,0,0,0,0,90\n");
+        let read = |unit: &str| super::super::read::parse_any(&text(unit), Path::new("p"));
+        assert!((read(" [deg]").unwrap().poses[1].rotation.angle().to_degrees() - 90.0).abs() < 1e-9);
+        let refusal = read("").unwrap_err().to_string();
+        assert!(refusal.contains("line 3, field yaw: 90 radians are more than a turn"), "{refusal}");
     }
 
     #[test]

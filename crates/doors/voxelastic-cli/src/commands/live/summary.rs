@@ -116,23 +116,22 @@ impl Summary {
 
     /// Logs the results in a few lines.
     pub fn log(&self) {
-        let s = self;
-        let skipped = if s.scans_skipped > 0 { format!(", {} skipped", s.scans_skipped) } else { String::new() };
-        let resumed = if s.scans_resumed > 0 { format!(", {} of them by an earlier process,", s.scans_resumed) } else { String::new() };
+        let skipped = if self.scans_skipped > 0 { format!(", {} skipped", self.scans_skipped) } else { String::new() };
+        let resumed = if self.scans_resumed > 0 { format!(", {} of them by an earlier process,", self.scans_resumed) } else { String::new() };
         tracing::info!(
             "{} of {} scans mapped{skipped}{resumed} in {:.1} s; {} submaps, {:.0} MB in memory",
-            s.scans,
-            s.scans_came,
-            s.played_s,
-            s.submaps,
-            s.map_mb
+            self.scans,
+            self.scans_came,
+            self.played_s,
+            self.submaps,
+            self.map_mb
         );
-        if s.scans_left_out > 0 {
-            tracing::warn!("{} scans came faster than they could be mapped and were left out: the newest win", s.scans_left_out);
+        if self.scans_left_out > 0 {
+            tracing::warn!("{} scans came faster than they could be mapped and were left out: the newest win", self.scans_left_out);
         }
-        if let (Some(median), Some(p99)) = (s.delay_ms.median, s.delay_p99_ms) {
-            tracing::info!("from a scan's coming to its being in the map: median {median:.1} ms, 99 % within {p99:.1} ms, {} threads", s.threads);
+        if let (Some(median), Some(p99)) = (self.delay_ms.median, self.delay_p99_ms) {
+            tracing::info!("from a scan's coming to its being in the map: median {median:.1} ms, 99 % within {p99:.1} ms, {} threads", self.threads);
         }
-        tracing::info!("map: {} ({:.1} MB)", s.output.display(), s.file_mb);
+        tracing::info!("map: {} ({:.1} MB)", self.output.display(), self.file_mb);
     }
 }
