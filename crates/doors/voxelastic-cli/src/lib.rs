@@ -44,7 +44,7 @@ Examples:
 
 /// The commands by headings, those that most people need first.
 const GROUPS: [(&str, &[&str]); 5] = [
-    ("Commands", &["map", "live", "view", "mesh", "export", "render", "report", "info", "plan", "localize", "config", "demo"]),
+    ("Commands", &["map", "live", "view", "mesh", "export", "render", "report", "check", "info", "plan", "localize", "config", "demo"]),
     ("Sessions and damaged maps", &["merge", "remove", "changes", "repair"]),
     ("Free space", &["slice", "esdf", "explore"]),
     ("Poses alone", &["odometry", "optimize"]),
@@ -87,6 +87,7 @@ enum Command {
     Live(live::LiveArgs),
     View(view::ViewArgs),
     Mesh(mesh::MeshArgs),
+    Check(check::CheckArgs),
     Info(info::InfoArgs),
     Render(render::RenderArgs),
     Slice(slice::SliceArgs),
@@ -159,6 +160,7 @@ impl Command {
             Self::Live(args) => live::run(args, quiet),
             Self::View(args) => view::run(args, quiet),
             Self::Mesh(args) => mesh::run(args),
+            Self::Check(args) => check::run(args),
             Self::Info(args) => info::run(args),
             Self::Render(args) => render::run(args),
             Self::Slice(args) => slice::run(args),

@@ -14,7 +14,7 @@ use voxelastic::motion::ImuSample;
 use voxelastic::sensor::BeamModel;
 use voxelastic_io::{OpenOptions, PoseKind, SensorFolder, SensorTopic};
 use voxelastic_run::poses::OdometrySetup;
-use voxelastic_run::{Input, Inputs, Source};
+use voxelastic_run::{Input, Inputs, Source, Warnings};
 use voxelastic_slam::slam::RawScan;
 
 /// A folder or a recording.
@@ -72,7 +72,10 @@ impl Dataset {
         time_tolerance: f64,
         strict: bool,
         slam: Option<bool>,
-    ) -> PyResult<Self> {
+        pose_change: &str,
+        poses_check: &str,
+    ) -> PyResult<(Self, Vec<(String, String)>)> {
+        let poses_check = poses_check.parse().map_err(|e: String| PyValueError::new_err(format!("poses_check: {e}")))?;
         let lidars = t_base_lidar.iter().map(arrays::pose).collect::<PyResult<Vec<_>>>()?;
         let further = |(k, topic): (usize, &String)| SensorTopic { topic: topic.clone(), t_base_lidar: lidars.get(k).copied() };
         let options = OpenOptions {
@@ -80,6 +83,7 @@ impl Dataset {
             pose_kind: if odometry { PoseKind::Odometry } else { PoseKind::Optimised },
             graph,
             t_base_lidar: lidars.first().copied(),
+            pose_change: pose_change.parse().map_err(|e: String| PyValueError::new_err(format!("pose_change: {e}")))?,
             strict,
             keyframing: every.map(|text| text.parse()).transpose().map_err(|e: String| PyValueError::new_err(format!("every: {e}")))?,
             cloud_topic: cloud_topics.first().cloned(),
@@ -91,8 +95,13 @@ impl Dataset {
             time_tolerance_s: time_tolerance,
             ..OpenOptions::default()
         };
-        let opened = job::run(py, move || Source::open(&path, &options, slam))?;
-        Ok(Self { source: Arc::new(Mutex::new(opened.map_err(|e| errors::run(py, &e))?)) })
+        let opened = job::run(py, move || {
+            let mut warnings = Warnings::default();
+            Source::open_checked(&path, &options, slam, poses_check, &mut warnings).map(|(source, _)| (source, warnings))
+        })?;
+        let (source, warnings) = opened.map_err(|e| errors::run(py, &e))?;
+        let said = warnings.all().iter().map(|w| (w.code.clone(), format!("{}; {}", w.text, in_python(&w.remedy)))).collect();
+        Ok((Self { source: Arc::new(Mutex::new(source)) }, said))
     }
 
     /// What was found, in a few lines.
@@ -115,6 +124,18 @@ impl Dataset {
         let (inputs, setup) = self.with(py, |source| (source.inputs(), source.odometry_setup().cloned().map(Arc::new)));
         Events { inputs: Arc::new(Mutex::new(inputs)), setup }
     }
+}
+
+/// Flags of the command about poses as keywords.
+fn in_python(remedy: &str) -> String {
+    let keywords = [
+        ("--pose-change ", "pose_change="),
+        ("--t-base-lidar ", "t_base_lidar="),
+        ("--poses-check fix", "poses_check=fix"),
+        ("map again", "open again"),
+        ("--slam", "slam=True"),
+    ];
+    keywords.into_iter().fold(remedy.to_owned(), |text, (flag, keyword)| text.replace(flag, keyword))
 }
 
 impl Dataset {

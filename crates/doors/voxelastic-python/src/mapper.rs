@@ -75,7 +75,8 @@ impl Mapper {
             run.warnings_mut().append(warnings);
             Ok(run)
         };
-        let run = job::run(py, begin)?.map_err(|e| errors::run(py, &e))?;
+        let mut run = job::run(py, begin)?.map_err(|e| errors::run(py, &e))?;
+        run.watch_poses();
         Ok(Self { settings, run: Arc::new(Mutex::new(Some(run))), setup, process: std::process::id() })
     }
 

@@ -52,6 +52,6 @@ pub use error::{During, Error, Result};
 pub use input::Input;
 pub use mapping::Mapping;
 pub use run::{MappingRun, Moment, Observer, Plan, SavedMap, SavedSession, Taken};
-pub use source::{HoldOut, Inputs, Source};
+pub use source::{HoldOut, Inputs, PosesCheck, Source};
 pub use voxelastic_report::Warning;
 pub use warning::{Code, Warnings};

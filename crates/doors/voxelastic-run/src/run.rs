@@ -11,7 +11,7 @@ use crate::corrections::{ClosureSummary, Corrections};
 use crate::input::Input;
 use crate::keep::{CheckpointEvery, CheckpointSummary, Comes, Identity, Keeper, Stages, Target};
 use crate::mapping::{Mapping, empty_mapper};
-use crate::poses::{Jumps, MapFrame, OdometryStage, OdometrySummary, Outcome, PoseStage, Relocalisation, StreamPosition, placed};
+use crate::poses::{Jumps, MapFrame, OdometryStage, OdometrySummary, Outcome, PoseStage, PoseWatch, Relocalisation, StreamPosition, placed};
 use crate::warning::{Code, Warnings};
 use crate::{Error, Result};
 use voxelastic::Pose;
@@ -40,6 +40,8 @@ pub struct MappingRun {
     alignment: Alignment,
     sensor: Option<BeamModel>,
     kept: Option<Kept>,
+    /// Compares poses with scans that others did not compare before.
+    pose_watch: Option<PoseWatch>,
     /// Scans that an earlier process had mapped.
     resumed: usize,
     warnings: Warnings,
@@ -106,6 +108,9 @@ impl MappingRun {
             self.warnings.add_repeated(Code::BadPose, format!("pose left out: {problem}"), "");
             return taken;
         }
+        if let (Some(watch), Input::Event(Event::Scan(scan))) = (&mut self.pose_watch, &input) {
+            watch.take(scan, &mut self.warnings);
+        }
         let posed = self.poses.take(input, &mut self.warnings);
         self.decide();
         match posed {
@@ -118,6 +123,7 @@ impl MappingRun {
     /// After the last input: passes the scans that wait, and the last corrections, to the mapper.
     pub fn finish(&mut self, observer: &mut dyn Observer) {
         let mut taken = Taken::default();
+        self.pose_watch.iter_mut().for_each(|watch| watch.finish(&mut self.warnings));
         let waiting = self.poses.finish(&mut self.warnings);
         waiting.into_iter().for_each(|event| self.arrange(event, observer, &mut taken));
         match self.corrected(Corrector::finish) {
@@ -319,6 +325,11 @@ impl MappingRun {
     /// Sets work for threads that would be idle during a scan, if there is more than one.
     pub fn set_idle_task(&mut self, task: impl FnOnce() -> IdleTask) {
         self.mapping.set_idle_task(task);
+    }
+
+    /// Compares the poses that come with the scans now and then: for poses that nobody has compared before.
+    pub fn watch_poses(&mut self) {
+        self.pose_watch = Some(PoseWatch::default());
     }
 
     /// Leaves coordinates as they are, because others know their frame: the map has no origin of its own.

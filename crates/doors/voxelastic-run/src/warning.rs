@@ -11,6 +11,14 @@ pub enum Code {
     ScanSkipped,
     /// A pose that came cannot be used.
     BadPose,
+    /// The poses do not fit the scans.
+    PosesDisagree,
+    /// The poses did not fit the scans, and are read otherwise, as was asked for.
+    PosesChanged,
+    /// Poses and scans agree better with the lidar mounted a little otherwise.
+    MountingOff,
+    /// The times of points cannot be what they seem.
+    DoubtfulTimes,
     /// A scan has no pose: it is not registered, or nothing gives one.
     NotRegistered,
     /// The trajectory begins anew: no scan fitted for a while.
@@ -53,6 +61,10 @@ impl Code {
         match self {
             Self::ScanSkipped => "scan-skipped",
             Self::BadPose => "bad-pose",
+            Self::PosesDisagree => "poses-disagree",
+            Self::PosesChanged => "poses-changed",
+            Self::MountingOff => "mounting-off",
+            Self::DoubtfulTimes => "doubtful-times",
             Self::NotRegistered => "not-registered",
             Self::NewPiece => "new-piece",
             Self::Degenerate => "degenerate",

@@ -3,6 +3,7 @@
 use crate::scan_list::Keyframing;
 use std::path::PathBuf;
 use voxelastic::Pose;
+use voxelastic::geometry::PoseChange;
 
 /// Which of a SLAM system's poses to use, where a folder has both.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -47,6 +48,8 @@ pub struct OpenOptions {
     /// Pose of the lidar frame in the base frame. If given, the poses and edges in the files are those of the base:
     /// `t_map_lidar = t_map_base * t_base_lidar` (paper Sec. IV).
     pub t_base_lidar: Option<Pose>,
+    /// What to read otherwise of the poses in the files or topics, before `t_base_lidar`.
+    pub pose_change: PoseChange,
     /// Whether a cloud without a pose, or a graph that does not match the clouds, is an error instead of a counted skip.
     pub strict: bool,
     /// Which scans to take; by default all of a folder, and of a recording one every 2 m.
@@ -80,6 +83,7 @@ impl Default for OpenOptions {
             pose_kind: PoseKind::default(),
             graph: None,
             t_base_lidar: None,
+            pose_change: PoseChange::default(),
             strict: false,
             keyframing: None,
             cloud_topic: None,

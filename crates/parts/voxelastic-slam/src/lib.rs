@@ -5,6 +5,7 @@
 //! | [`odometry`] | poses of scans from the scans alone |
 //! | [`loops`] | places that were visited before, found again from the scans alone |
 //! | [`join`] | where one map or session lies in another |
+//! | [`pose_check`] | whether given poses belong to the scans, and under which reading they would |
 //! | [`slam`] | raw scans in, the mapper's events out |
 //! | [`Corrector`] | loop closures and corrected poses, inserted into the events |
 //! | [`graph`] | pose graphs: optimisation of a whole graph, and live in a stream of events |
@@ -18,6 +19,7 @@ pub mod graph;
 pub mod join;
 pub mod loops;
 pub mod odometry;
+pub mod pose_check;
 mod raw_scan;
 mod registration;
 pub mod slam;

@@ -7,8 +7,10 @@ pub mod aabb;
 mod eigen;
 pub mod morton;
 pub mod pose;
+mod pose_change;
 pub mod stored;
 
 pub use aabb::{Aabb, box_around};
 pub use eigen::smallest_eigenvector;
 pub use pose::{Pose, PoseExt, Rigid};
+pub use pose_change::PoseChange;

@@ -5,9 +5,11 @@ use clap::Args;
 use nalgebra::{Quaternion, Translation3, UnitQuaternion};
 use std::path::{Path, PathBuf};
 use voxelastic::Pose;
+use voxelastic::geometry::PoseChange;
 use voxelastic_io::source::{self, Source};
 use voxelastic_io::{Keyframing, OpenOptions, PoseKind, SensorFolder, SensorTopic};
-use voxelastic_run::HoldOut;
+use voxelastic_run::source::Examination;
+use voxelastic_run::{HoldOut, PosesCheck, Warnings};
 
 /// Largest time difference between a scan and its pose if nothing else is said, seconds.
 const TIME_TOLERANCE_S: f64 = 0.01;
@@ -37,6 +39,9 @@ pub struct ReadingArgs {
     /// Pose of the lidar in the vehicle frame, where the poses in the files are those of the vehicle; for several sensors one for each --cloud-topic
     #[arg(long, value_name = "\"X Y Z QX QY QZ QW\"", value_parser = pose, allow_hyphen_values = true)]
     t_base_lidar: Vec<Pose>,
+    /// Read the poses otherwise than they are written, parts with commas: inverse, w-first, scale=FACTOR, rows=N (scan k has the pose of scan k + N), seconds=S (a scan has the pose of S seconds later)
+    #[arg(long, value_name = "PARTS", value_parser = pose_change, default_value = "", hide_default_value = true, hide_short_help = true)]
+    pose_change: PoseChange,
     /// Interval between the scans used: scan (all), a number (every Nth), a distance (2m) or a time (0.5s) [default: scan; for recordings 2m]
     #[arg(long, value_name = "scan|N|METRESm|SECONDSs")]
     every: Option<Keyframing>,
@@ -77,6 +82,7 @@ impl Default for ReadingArgs {
             poses: None,
             graph: None,
             t_base_lidar: Vec::new(),
+            pose_change: PoseChange::default(),
             every: None,
             cloud_topic: Vec::new(),
             also: Vec::new(),
@@ -112,6 +118,7 @@ impl DataArgs {
         let given = [
             ("--poses", self.reading.poses.is_some()),
             ("--graph", self.reading.graph.is_some()),
+            ("--pose-change", !self.reading.pose_change.is_none()),
             ("--pose-topic", self.reading.pose_topic.is_some()),
             ("--correction-topic", self.reading.correction_topic.is_some()),
             ("--t-base-lidar", !self.reading.t_base_lidar.is_empty() && !self.has_several_sensors()),
@@ -126,6 +133,7 @@ impl DataArgs {
             pose_kind: PoseKind::default(),
             graph: self.reading.graph.clone(),
             t_base_lidar: self.reading.t_base_lidar.first().copied(),
+            pose_change: self.reading.pose_change,
             strict,
             keyframing: self.reading.every,
             cloud_topic: self.reading.cloud_topic.first().cloned(),
@@ -183,14 +191,21 @@ impl DataArgs {
         Ok(())
     }
 
-    /// Opens the data: with its poses, or raw if it has none or `slam` asks for that.
+    /// Opens the data: with its poses, which are compared with the scans, or raw if it has none or `slam` asks for that. Also what was seen, unless `poses` says not to look.
     ///
     /// # Errors
     /// A usage error, or when the data cannot be read.
-    pub fn source(&self, strict: bool, slam: bool, pose_kind: PoseKind) -> anyhow::Result<voxelastic_run::Source> {
+    pub fn source(
+        &self,
+        strict: bool,
+        slam: bool,
+        pose_kind: PoseKind,
+        poses: PosesCheck,
+        warnings: &mut Warnings,
+    ) -> anyhow::Result<(voxelastic_run::Source, Option<Examination>)> {
         self.check(slam)?;
         let options = OpenOptions { pose_kind, ..self.options(strict) };
-        Ok(voxelastic_run::Source::open(&self.data, &options, slam.then_some(true))?)
+        Ok(voxelastic_run::Source::open_checked(&self.data, &options, slam.then_some(true), poses, warnings)?)
     }
 
     /// Opens the folder or recording; `strict` makes scans without a pose an error.
@@ -220,6 +235,10 @@ pub fn pose(text: &str) -> Result<Pose, String> {
         return Err(format!("the norm of the quaternion is {:.3}, but must be 1; the order is qx qy qz qw", rotation.norm()));
     }
     Ok(Pose::from_parts(Translation3::new(x, y, z), UnitQuaternion::from_quaternion(rotation)))
+}
+
+fn pose_change(text: &str) -> Result<PoseChange, String> {
+    text.parse()
 }
 
 fn seconds(text: &str) -> Result<f64, String> {

@@ -1,5 +1,6 @@
 //! One file per subcommand: its arguments, its examples, and what it does.
 
+pub mod check;
 pub mod config;
 pub mod export;
 pub mod info;

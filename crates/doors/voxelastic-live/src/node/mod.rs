@@ -214,7 +214,11 @@ impl Setup {
         let poses = source.odometry.take().map_or(Poses::Given, |stage| Poses::Estimated(Box::new(stage)));
         let (settings, comes) = (self.settings.clone(), source.comes());
         let plan = Plan { settings, corrections: self.corrections, poses, sensor: source.sensor.clone(), comes };
-        let Some(mut unfinished) = unfinished else { return MappingRun::new(plan, pool) };
+        let Some(mut unfinished) = unfinished else {
+            let mut run = MappingRun::new(plan, pool)?;
+            run.watch_poses();
+            return Ok(run);
+        };
         if let Some(input) = source.recorded() {
             input.know_motions(unfinished.motions());
         }

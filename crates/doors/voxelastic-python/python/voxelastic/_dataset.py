@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from . import _arrays, _native
 from ._arrays import Pose
+from ._errors import RunWarning
 from ._events import Event, Scan, _event
 
 if TYPE_CHECKING:
@@ -61,6 +62,8 @@ class Dataset:
         time_tolerance: float = 0.01,
         strict: bool = False,
         slam: bool | None = None,
+        pose_change: str = "",
+        poses_check: str = "warn",
     ) -> Dataset:
         """Opens a folder of scans and poses, or a recording (.bag, .mcap, .db3, .pcap); the layout is recognised.
 
@@ -81,11 +84,18 @@ class Dataset:
             time_tolerance: Largest time between a scan and its pose, seconds.
             strict: A scan that cannot be read is an error; otherwise it is skipped with a warning.
             slam: Whether to do without the poses in the data; by default if there are none.
+            pose_change: What to read otherwise of the poses, parts with commas: "inverse", "w-first", "scale=0.001", "rows=1" (scan k has the pose of scan k + 1),
+                "seconds=0.35" (a scan has the pose of 0.35 s later).
+            poses_check: Some of the poses are compared with the scans: "warn" names the reading under which they would agree, if they do not; "fix" takes that
+                reading; "off" does not compare them.
+
+        Warns:
+            RunWarning: The poses do not fit the scans.
 
         Raises:
             FileNotFoundError: There is nothing of this name.
             FileError: The data cannot be recognised or read; the message lists what was found.
-            ValueError: `every`, `time_tolerance` or `t_base_lidar` cannot be meant so.
+            ValueError: `every`, `time_tolerance`, `t_base_lidar`, `pose_change` or `poses_check` cannot be meant so.
         """
         options = {name: value for name, value in locals().items() if name not in ("cls", "path")}
         path = Path(path)
@@ -102,9 +112,10 @@ class Dataset:
         this = object.__new__(cls)
         this._path, this._strict, this._options = path, strict, options
         this._cursor, this._lock = None, threading.Lock()
-        this._inner = _native.Dataset.open(
-            path, pose_file, odometry, graph_file, lidars, interval, topics, folders, pose_topic, metadata_file, deskew, float(time_tolerance), strict, slam
-        )
+        given = (pose_file, odometry, graph_file, lidars, interval, topics, folders, pose_topic, metadata_file, deskew, float(time_tolerance), strict, slam)
+        this._inner, said = _native.Dataset.open(path, *given, pose_change, poses_check)
+        for code, text in said:
+            warnings.warn(RunWarning(text, code), stacklevel=2)
         return this
 
     def _native(self) -> _native.Dataset:

@@ -126,8 +126,10 @@ class Dataset:
         time_tolerance: float,
         strict: bool,
         slam: bool | None,
-    ) -> Dataset:
-        """Opens a folder or a recording. Clouds are read when their turn comes. No topic, one, or one for each sensor; or folders of further sensors; and poses of as many lidars or of none."""
+        pose_change: str,
+        poses_check: str,
+    ) -> tuple[Dataset, list[tuple[str, str]]]:
+        """Opens a folder or a recording; also returns what there is to say about its poses. Clouds are read when their turn comes. No topic, one, or one for each sensor; or folders of further sensors; and poses of as many lidars or of none."""
 
     def description(self) -> str:
         """What was found, in a few lines."""

@@ -3,12 +3,14 @@
 mod jumps;
 mod odometry_log;
 mod odometry_stage;
+mod pose_watch;
 mod relocalisation;
 mod stream_position;
 
 pub use jumps::Jumps;
 pub use odometry_log::{OdometryLog, OdometrySummary};
 pub use odometry_stage::{Motions, OdometrySetup, OdometryStage, StageState};
+pub use pose_watch::PoseWatch;
 pub use relocalisation::{MapFrame, Outcome, Relocalisation, numbered, placed};
 pub use stream_position::{Came, StreamPosition};
 

@@ -45,6 +45,7 @@ impl MappingRun {
             position: StreamPosition::new(comes == Comes::Again),
             alignment: Alignment::default(),
             sensor,
+            pose_watch: None,
             kept: None,
             resumed: 0,
             warnings: Warnings::default(),
@@ -89,7 +90,21 @@ impl MappingRun {
             alignment = Alignment { search: Some(Box::new(Relocalisation::new(&mapping, !is_raw))), last_node, t_map_frame: None };
         }
         let position = StreamPosition::new(comes == Comes::Again).after(came);
-        Ok(Self { mapping, poses, corrections, corrector, is_decided: true, jumps, position, alignment, sensor, kept: None, resumed, warnings })
+        Ok(Self {
+            mapping,
+            poses,
+            corrections,
+            corrector,
+            is_decided: true,
+            jumps,
+            position,
+            alignment,
+            sensor,
+            pose_watch: None,
+            kept: None,
+            resumed,
+            warnings,
+        })
     }
 
     /// Keeps the run in `target`: checkpoints now and then, and its map at the end. `identity` says what decides about the bits of the map. `sensors` are those whose

@@ -2,11 +2,16 @@
 
 mod hold_out;
 mod inputs;
+mod pose_check;
 mod raw;
+mod sample;
 
 pub use hold_out::HoldOut;
 pub use inputs::Inputs;
+pub use pose_check::{PosesCheck, pose_flags, pose_problem};
 pub use raw::RawSource;
+pub use sample::{Examination, Sample};
+pub use voxelastic_slam::pose_check::{CheckScan, Verdict};
 
 use crate::poses::{OdometrySetup, OdometryStage};
 use crate::{Error, Result};
@@ -183,6 +188,7 @@ fn names_poses(options: &OpenOptions) -> Option<&'static str> {
     let given = [
         ("poses", options.poses.is_some()),
         ("a graph", options.graph.is_some()),
+        ("another reading of poses", !options.pose_change.is_none()),
         ("a topic of poses", options.pose_topic.is_some()),
         ("a topic of corrections", options.correction_topic.is_some()),
         ("the place of the lidar on the vehicle", options.t_base_lidar.is_some() && is_one_sensor),

@@ -20,6 +20,7 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::{fmt, iter};
 use voxelastic::event::Event;
+use voxelastic::geometry::PoseChange;
 use voxelastic::mapper::ScanSource;
 use voxelastic::sensor::BeamModel;
 
@@ -84,7 +85,8 @@ impl Recording {
             let remedy = "map one of them with the graph (--cloud-topic), or give the corrected trajectory with --poses instead of the graph";
             return Err(Error::dataset(graph, format!("a graph has nodes of one sensor, but {} are mapped", clouds.join(" and ")), remedy));
         }
-        let given = options.poses.as_deref().map(read_track).transpose()?;
+        check_change(path, &input, options)?;
+        let given = options.poses.as_deref().map(|file| read_track(file, &options.pose_change)).transpose()?;
         let (corrections_folder, graph) = match &options.graph {
             Some(folder) if folder.is_dir() => (Some(folder), None),
             graph => (None, graph.as_ref()),
@@ -219,11 +221,27 @@ impl Recording {
             selection: self.selection.clone(),
             nodes: self.nodes.clone(),
             corrections: self.corrections.clone(),
+            pose_change: self.options.pose_change,
             tolerance_s: self.options.time_tolerance_s,
             deskew: self.options.deskew,
             log: Arc::clone(&self.log),
         }
     }
+}
+
+/// Refuses changes of poses that a recording's poses cannot have.
+fn check_change(path: &Path, input: &Input, options: &OpenOptions) -> Result<()> {
+    let change = &options.pose_change;
+    let is_tree = options.poses.is_none() && matches!(input, Input::Bag(ChosenTopics { poses: Some((_, TopicRole::Transforms)), .. }));
+    let only_seconds = PoseChange { seconds: change.seconds, ..PoseChange::default() };
+    if change.rows != 0 {
+        return Err(Error::dataset(path, "the poses of a recording have times, and no rows", "give seconds=S in --pose-change instead of rows=N"));
+    }
+    if is_tree && *change != only_seconds {
+        let problem = "its poses are a tree of transforms, which cannot be inverse, w-first or scaled";
+        return Err(Error::dataset(path, problem, "give --pose-change with seconds=S only, or name other poses"));
+    }
+    Ok(())
 }
 
 /// Iterator over the events of a [`Recording`].

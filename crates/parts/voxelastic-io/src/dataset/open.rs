@@ -21,6 +21,10 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use voxelastic::Pose;
 use voxelastic::event::NodeId;
+use voxelastic::geometry::PoseChange;
+
+/// Where poses of other times are asked for, they are interpolated over gaps up to this, seconds: those between keyframes.
+const LONGEST_GAP_SHIFTED_S: f64 = 2.5;
 
 /// Opens a dataset.
 ///
@@ -83,7 +87,7 @@ fn open_folder(path: &Path, options: &OpenOptions) -> Result<Dataset> {
     description.notes.extend(note);
     let graph_file = choose_poses::graph(&folder, options.graph.as_deref(), &pose_file)?;
     let graph = graph_file.map(|file| g2o::read(&file.path).map(|graph| (file, graph))).transpose()?;
-    let trajectory = poses::read(&pose_file.path)?.in_lidar_frame(options.t_base_lidar.as_ref());
+    let trajectory = poses::read(&pose_file.path)?.changed(&options.pose_change).in_lidar_frame(options.t_base_lidar.as_ref());
 
     let times = cloud_times::read(&folder, &trajectory)?;
     description.times = times.file;
@@ -100,6 +104,8 @@ fn open_folder(path: &Path, options: &OpenOptions) -> Result<Dataset> {
     description.ground_truth = truth.as_ref().filter(|truth| truth.path != pose_file.path).map(|truth| name_of(&truth.path));
 
     let all = entries(clouds, &matched, &nodes);
+    let as_matched: Vec<(f64, Pose)> = all.iter().map(|s| (s.time, s.t_map_lidar)).collect();
+    let all = shifted(all, &pose_track(&trajectory, &as_matched), &options.pose_change);
     let stamped: Vec<(f64, Pose)> = all.iter().map(|s| (s.time, s.t_map_lidar)).collect();
     let scans = select(all, options.keyframing.unwrap_or_default());
     description.not_keyframes = stamped.len() - scans.len();
@@ -109,8 +115,9 @@ fn open_folder(path: &Path, options: &OpenOptions) -> Result<Dataset> {
         description.graph(file, graph, &edges);
     }
     let has_times = times.of_clouds.is_some() || trajectory.times.is_some();
-    let track = (options.deskew && has_times).then(|| Arc::new(pose_track(&trajectory, &stamped)));
-    let context = SnapshotContext { t_base_lidar: options.t_base_lidar, nodes, times: times.of_clouds, has_times, track, further: Vec::new() };
+    let track = (options.deskew && has_times).then(|| Arc::new(pose_track(&trajectory.earlier(options.pose_change.seconds), &stamped)));
+    let (t_base_lidar, pose_change) = (options.t_base_lidar, options.pose_change);
+    let context = SnapshotContext { t_base_lidar, pose_change, nodes, times: times.of_clouds, has_times, track, further: Vec::new() };
     // Snapshots correct an estimate. The ground truth needs no corrections.
     let snapshots = if pose_file.is_ground_truth() { description.drop_snapshots() } else { folder.snapshots };
     Ok(Dataset {
@@ -133,9 +140,10 @@ fn open_dump(path: &Path, dump: Dump, options: &OpenOptions) -> Result<Dataset> 
         None => dump.graph,
     };
     let mut all = dump.scans;
-    if let Some(t_base_lidar) = &options.t_base_lidar {
-        all.iter_mut().for_each(|scan| scan.t_map_lidar *= t_base_lidar);
-    }
+    let t_base_lidar = options.t_base_lidar.unwrap_or_default();
+    all.iter_mut().for_each(|scan| scan.t_map_lidar = options.pose_change.apply(&scan.t_map_lidar) * t_base_lidar);
+    let as_stored: Vec<(f64, Pose)> = all.iter().map(|s| (s.time, s.t_map_lidar)).collect();
+    let all = shifted(all, &pose_track(&Trajectory::default(), &as_stored), &options.pose_change);
     let nodes = all.iter().map(|s| s.node).collect();
     let stamped: Vec<(f64, Pose)> = all.iter().map(|s| (s.time, s.t_map_lidar)).collect();
     let scans = select(all, options.keyframing.unwrap_or_default());
@@ -146,7 +154,8 @@ fn open_dump(path: &Path, dump: Dump, options: &OpenOptions) -> Result<Dataset> 
     }
     let track = options.deskew.then(|| Arc::new(pose_track(&Trajectory::default(), &stamped)));
     let times = Some(stamped.iter().map(|(time, _)| *time).collect());
-    let context = SnapshotContext { t_base_lidar: options.t_base_lidar, nodes, times, has_times: true, track, further: Vec::new() };
+    let (t_base_lidar, pose_change) = (options.t_base_lidar, options.pose_change);
+    let context = SnapshotContext { t_base_lidar, pose_change, nodes, times, has_times: true, track, further: Vec::new() };
     Ok(Dataset {
         path: path.into(),
         scans: scans.into(),
@@ -177,6 +186,21 @@ fn entries(clouds: Clouds<'_>, matched: &Matched, nodes: &[NodeId]) -> Vec<ScanE
         matched.poses[index].map(|t_map_lidar| ScanEntry { path, index, node: nodes[index], time, t_map_lidar, sensor: 0 })
     };
     (0..clouds.files.len()).filter_map(entry).collect()
+}
+
+/// The scans with poses of other rows, or of other times, as was asked for; those for which there is none are left out.
+fn shifted(mut all: Vec<ScanEntry>, track: &PoseTrack, change: &PoseChange) -> Vec<ScanEntry> {
+    if change.rows != 0 {
+        let poses: Vec<Pose> = all.iter().map(|scan| scan.t_map_lidar).collect();
+        let pose = |k: usize| poses.get(usize::try_from(i64::try_from(k).ok()? + change.rows).ok()?).copied();
+        let kept = all.into_iter().enumerate().filter_map(|(k, scan)| Some(ScanEntry { t_map_lidar: pose(k)?, ..scan }));
+        all = kept.collect();
+    }
+    if change.seconds != 0.0 {
+        let pose = |time: f64| track.at(time + change.seconds, LONGEST_GAP_SHIFTED_S, 0.0);
+        all = all.into_iter().filter_map(|scan| Some(ScanEntry { t_map_lidar: pose(scan.time)?, ..scan })).collect();
+    }
+    all
 }
 
 /// All poses of the lidar that have a time: those of the trajectory and those of the scans.

@@ -51,6 +51,11 @@ impl Dataset {
         &self.edges.loops
     }
 
+    /// Whether the times of the scans are those of a clock, and not their numbers.
+    pub fn has_times(&self) -> bool {
+        self.context.has_times
+    }
+
     /// Reads the cloud of one of the scans, as [`events`](Self::events) would deliver it.
     ///
     /// # Errors

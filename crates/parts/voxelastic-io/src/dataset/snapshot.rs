@@ -7,6 +7,7 @@ use crate::{Error, Result, poses};
 use std::collections::HashSet;
 use std::sync::Arc;
 use voxelastic::event::NodeId;
+use voxelastic::geometry::PoseChange;
 use voxelastic::{Cloud, Pose};
 
 /// Times that differ by no more than this are equal up to their precision in the file, seconds.
@@ -16,6 +17,7 @@ const SAME_TIME_S: f64 = 1e-3;
 #[derive(Clone, Debug)]
 pub(super) struct SnapshotContext {
     pub(super) t_base_lidar: Option<Pose>,
+    pub(super) pose_change: PoseChange,
     /// Node of every cloud of the folder.
     pub(super) nodes: Vec<NodeId>,
     /// Time of every cloud, if known, seconds.
@@ -46,7 +48,7 @@ impl SnapshotContext {
 /// them, if the clouds have times; else line k belongs to cloud k.
 pub(super) fn read(snapshot: &Snapshot, context: &SnapshotContext, delivered: &HashSet<NodeId>) -> Result<Vec<(NodeId, Pose)>> {
     let path = &snapshot.file.path;
-    let trajectory = poses::read(path)?.in_lidar_frame(context.t_base_lidar.as_ref());
+    let trajectory = poses::read(path)?.changed(&context.pose_change).in_lidar_frame(context.t_base_lidar.as_ref());
     let mut updates: Vec<(NodeId, Pose)> = match (&trajectory.nodes, &trajectory.times, &context.times) {
         (Some(ids), ..) => ids.iter().copied().zip(trajectory.poses).collect(),
         (None, Some(pose_times), Some(cloud_times)) => {

@@ -2,6 +2,7 @@
 
 use std::collections::VecDeque;
 use voxelastic::Pose;
+use voxelastic::geometry::PoseChange;
 
 /// Poses are not interpolated over gaps longer than this, seconds.
 pub(crate) const LONGEST_GAP_S: f64 = 0.35;
@@ -26,6 +27,12 @@ impl PoseTrack {
             self.times.insert(at, time);
             self.poses.insert(at, pose);
         }
+    }
+
+    /// The same poses, read otherwise.
+    pub(crate) fn changed(&self, change: &PoseChange) -> Self {
+        let times = self.times.iter().map(|time| time - change.seconds).collect();
+        Self { times, poses: self.poses.iter().map(|pose| change.apply(pose)).collect() }
     }
 
     /// Time of the last pose.

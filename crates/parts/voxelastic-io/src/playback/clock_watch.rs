@@ -84,6 +84,7 @@ mod tests {
     use crate::stamped_cloud::StampedCloud;
     use std::sync::Arc;
     use voxelastic::event::Event;
+    use voxelastic::geometry::PoseChange;
     use voxelastic::{Cloud, Pose};
 
     struct Played(std::vec::IntoIter<SensorMessage>, f64);
@@ -125,6 +126,7 @@ mod tests {
             selection: Selection::default(),
             nodes: None,
             corrections: Corrections::default(),
+            pose_change: PoseChange::default(),
             tolerance_s: 0.01,
             deskew: true,
             log: Arc::new(PlaybackLog::default()),

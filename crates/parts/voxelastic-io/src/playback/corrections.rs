@@ -8,6 +8,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use voxelastic::Pose;
 use voxelastic::event::NodeId;
+use voxelastic::geometry::PoseChange;
 
 /// Corrections that are still to come, and the scans that they can apply to.
 #[derive(Clone, Debug, Default)]
@@ -88,8 +89,8 @@ impl Corrections {
     ///
     /// # Errors
     /// Those of [`read_track`], and [`Error::Dataset`] if no pose belongs to a scan.
-    pub(crate) fn read(&self, path: &Path, tolerance_s: f64) -> Result<Correction> {
-        let track = read_track(path)?;
+    pub(crate) fn read(&self, path: &Path, change: &PoseChange, tolerance_s: f64) -> Result<Correction> {
+        let track = read_track(path, change)?;
         self.find_in(&track, tolerance_s).ok_or_else(|| {
             Error::dataset(path, "none of its poses belongs to a scan that was taken before", "use times in the clock of the recording")
         })
@@ -109,12 +110,12 @@ impl Corrections {
 ///
 /// # Errors
 /// [`Error::Dataset`] if it has none; those of [`poses::read`].
-pub(crate) fn read_track(path: &Path) -> Result<PoseTrack> {
+pub(crate) fn read_track(path: &Path, change: &PoseChange) -> Result<PoseTrack> {
     let trajectory = poses::read(path)?;
     let Some(times) = trajectory.times else {
         return Err(Error::dataset(path, "poses without times", "give a trajectory with times (TUM, Newer College), in the clock of the recording"));
     };
     let mut track = PoseTrack::default();
     times.iter().zip(trajectory.poses).for_each(|(time, pose)| track.add(*time, pose));
-    Ok(track)
+    Ok(track.changed(change))
 }

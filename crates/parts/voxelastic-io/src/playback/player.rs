@@ -14,6 +14,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use voxelastic::event::{Edge, Event, NodeId, Scan};
+use voxelastic::geometry::PoseChange;
 use voxelastic::{Cloud, Motion, Pose};
 
 /// A scan waits at most this long for its pose, in seconds of recording.
@@ -38,6 +39,8 @@ pub(crate) struct PlayerOptions {
     pub(crate) nodes: Option<(Vec<ScanEntry>, ScanEdges)>,
     /// Corrected poses that become known during the recording.
     pub(crate) corrections: Corrections,
+    /// What to read otherwise of poses that come, and of corrected ones.
+    pub(crate) pose_change: PoseChange,
     /// How far in time a pose may be from its scan, seconds.
     pub(crate) tolerance_s: f64,
     /// Whether clouds get the lidar's motion during their sweep.
@@ -88,6 +91,7 @@ pub(crate) struct Player {
     selection: Selection,
     nodes: Option<(Vec<ScanEntry>, ScanEdges)>,
     corrections: Corrections,
+    pose_change: PoseChange,
     tolerance_s: f64,
     deskew: bool,
     log: Arc<PlaybackLog>,
@@ -122,12 +126,13 @@ impl Player {
         Self {
             stream: ClockWatch::new(stream),
             path: options.path,
-            poses: PoseLookup::new(options.poses, options.mounts, options.tolerance_s),
+            poses: PoseLookup::new(options.poses, options.mounts, options.pose_change, options.tolerance_s),
             keyframes: options.keyframes,
             sensors: BTreeMap::new(),
             selection: options.selection,
             nodes: options.nodes,
             corrections: options.corrections,
+            pose_change: options.pose_change,
             tolerance_s: options.tolerance_s,
             deskew: options.deskew,
             log: options.log,
@@ -292,7 +297,7 @@ impl Player {
     /// Queues the corrections that became known before `time`.
     fn queue_corrections(&mut self, time: f64) {
         while let Some(path) = self.corrections.take_due(time) {
-            let correction = self.corrections.read(&path, self.tolerance_s);
+            let correction = self.corrections.read(&path, &self.pose_change, self.tolerance_s);
             if let Ok(Correction { reported, corrected, .. }) = &correction {
                 self.continuation.corrected(reported, corrected);
             }
@@ -302,7 +307,7 @@ impl Player {
 
     /// Queues a correction that came as a message.
     fn correct(&mut self, track: &PoseTrack) {
-        if let Some(Correction { poses, reported, corrected }) = self.corrections.find_in(track, self.tolerance_s) {
+        if let Some(Correction { poses, reported, corrected }) = self.corrections.find_in(&track.changed(&self.pose_change), self.tolerance_s) {
             self.continuation.corrected(&reported, &corrected);
             self.ready.push_back(Ok(Event::PoseUpdate(poses)));
         }

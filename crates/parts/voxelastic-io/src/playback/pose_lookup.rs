@@ -4,6 +4,7 @@ use super::message_stream::SensorMessage;
 use crate::motion::{LONGEST_GAP_S, PoseTrack, TransformTree};
 use std::collections::BTreeMap;
 use voxelastic::Pose;
+use voxelastic::geometry::PoseChange;
 
 /// Where the poses come from.
 pub(crate) enum PoseSource {
@@ -42,13 +43,15 @@ pub(crate) struct PoseLookup {
     mounts: SensorMounts,
     /// Pose of each lidar in the frame of the poses, once it is known: by topic, and by the frame of its clouds, as several lidars may publish to one topic.
     t_child_lidar: BTreeMap<(u16, String), Pose>,
+    /// What to read otherwise of poses that come.
+    change: PoseChange,
     /// How far in time a pose may be from its scan, seconds.
     tolerance_s: f64,
 }
 
 impl PoseLookup {
-    pub(crate) fn new(source: PoseSource, mounts: SensorMounts, tolerance_s: f64) -> Self {
-        Self { source, tree: TransformTree::default(), mounts, t_child_lidar: BTreeMap::new(), tolerance_s }
+    pub(crate) fn new(source: PoseSource, mounts: SensorMounts, change: PoseChange, tolerance_s: f64) -> Self {
+        Self { source, tree: TransformTree::default(), mounts, t_child_lidar: BTreeMap::new(), change, tolerance_s }
     }
 
     /// Adds a pose or transform; other messages are ignored.
@@ -57,7 +60,7 @@ impl PoseLookup {
             SensorMessage::Transform { time, parent, child, pose, is_fixed } => self.tree.add(&parent, &child, time, pose, is_fixed),
             SensorMessage::Pose { time, child: frame, pose, .. } => {
                 if let PoseSource::Topic { track, child } = &mut self.source {
-                    track.add(time, pose);
+                    track.add(time - self.change.seconds, self.change.apply(&pose));
                     *child = frame;
                 }
             }
@@ -79,7 +82,7 @@ impl PoseLookup {
         match &self.source {
             PoseSource::File(_) => Some(f64::INFINITY),
             PoseSource::Topic { track, .. } => track.newest(),
-            PoseSource::Transforms => self.tree.newest(frame),
+            PoseSource::Transforms => self.tree.newest(frame).map(|newest| newest - self.change.seconds),
         }
     }
 
@@ -87,7 +90,7 @@ impl PoseLookup {
     pub(super) fn pose_at(&mut self, time: f64, frame: &str, sensor: u16) -> Option<Pose> {
         let tolerance = self.tolerance_s;
         let pose = match &self.source {
-            PoseSource::Transforms => return self.tree.in_root(frame, time, tolerance),
+            PoseSource::Transforms => return self.tree.in_root(frame, time + self.change.seconds, tolerance),
             PoseSource::File(track) | PoseSource::Topic { track, .. } => track.at(time, LONGEST_GAP_S, tolerance)?,
         };
         Some(pose * self.mounting(frame, sensor)?)

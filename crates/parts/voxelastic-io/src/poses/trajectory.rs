@@ -2,6 +2,7 @@
 
 use voxelastic::Pose;
 use voxelastic::event::NodeId;
+use voxelastic::geometry::PoseChange;
 
 /// Poses in the order of their file.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -23,6 +24,17 @@ impl Trajectory {
     /// Whether there is no pose.
     pub fn is_empty(&self) -> bool {
         self.poses.is_empty()
+    }
+
+    /// The poses, read otherwise.
+    pub(crate) fn changed(self, change: &PoseChange) -> Self {
+        if change.is_none() { self } else { Self { poses: self.poses.iter().map(|pose| change.apply(pose)).collect(), ..self } }
+    }
+
+    /// The same poses, each so many seconds earlier.
+    pub(crate) fn earlier(&self, seconds: f64) -> Self {
+        let times = self.times.as_ref().map(|times| times.iter().map(|time| time - seconds).collect());
+        Self { times, ..self.clone() }
     }
 
     /// The lidar's poses, if these are the base's: `t_map_lidar = t_map_base * t_base_lidar`. Unchanged without `t_base_lidar`.

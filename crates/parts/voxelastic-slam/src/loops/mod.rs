@@ -20,8 +20,10 @@ mod signature;
 mod verify;
 mod visible;
 
+pub(crate) use align::settings as registration_settings;
 pub use finder::{Closure, LoopFinder, Searches, Verdict};
 pub use localiser::{Localiser, LocaliserSettings, Located, Whereabouts};
+pub(crate) use place::{PlaceScan, levels, surfels, thinned};
 pub use place_book::{PlaceBook, PlaceDescriptors, PlacePair};
 pub use settings::LoopSettings;
 pub use verify::Fit;

@@ -24,7 +24,7 @@ use voxelastic_run::joining::{self, SessionSummary};
 use voxelastic_run::keep::{self, CheckpointSummary, Comes, Identity, Target, Unfinished};
 use voxelastic_run::mapping::TimeSummary;
 use voxelastic_run::poses::{OdometrySummary, Poses};
-use voxelastic_run::{HoldOut, Inputs, MappingRun, Plan, SavedSession, Source, Warning, Warnings, map_files, threads, usage};
+use voxelastic_run::{HoldOut, Inputs, MappingRun, Plan, PosesCheck, SavedSession, Source, Warning, Warnings, map_files, threads, usage};
 
 /// Map a folder of scans, or a recording, with or without poses
 ///
@@ -60,6 +60,9 @@ pub struct MapArgs {
     /// Estimate the poses from the scans, even if the data have some
     #[arg(long)]
     slam: bool,
+    /// What to do about poses that do not fit the scans: warn, and name the reading that would; fix, take that reading; off, do not compare
+    #[arg(long, value_name = "warn|fix|off", value_parser = poses_check, default_value = "warn", hide_short_help = true)]
+    poses_check: PosesCheck,
     /// Leave out every Nth scan, for `voxelastic heldout`
     #[arg(long, value_name = "N", value_parser = hold_out, hide_short_help = true)]
     hold_out: Option<HoldOut>,
@@ -174,8 +177,9 @@ struct Tally {
 
 impl MapArgs {
     /// Opens the data, logs its description, and applies the limits on scans. The counter grows with each scan that is held out.
-    fn source(&self) -> anyhow::Result<(Source, Arc<AtomicUsize>)> {
-        let mut source = self.data.source(self.strict, self.slam, self.corrections.corrections().pose_kind())?;
+    fn source(&self, warnings: &mut Warnings) -> anyhow::Result<(Source, Arc<AtomicUsize>)> {
+        let kind = self.corrections.corrections().pose_kind();
+        let (mut source, _) = self.data.source(self.strict, self.slam, kind, self.poses_check, warnings)?;
         source.description().lines().for_each(|line| tracing::info!("{line}"));
         if let Some(most) = self.max_scans {
             source.limit(most);
@@ -277,6 +281,10 @@ impl MapArgs {
     }
 }
 
+fn poses_check(text: &str) -> Result<PosesCheck, String> {
+    text.parse()
+}
+
 /// Runs the command.
 pub fn run(args: &MapArgs, quiet: bool) -> anyhow::Result<u8> {
     let clock = Instant::now();
@@ -285,7 +293,7 @@ pub fn run(args: &MapArgs, quiet: bool) -> anyhow::Result<u8> {
     if args.dynamic_points.is_some() && settings.dynamic == Dynamic::Keep {
         return Err(Failure::usage("--dynamic-points: nothing is set aside with --dynamic keep", "add --dynamic remove").into());
     }
-    let (source, held_out) = args.source()?;
+    let (source, held_out) = args.source(&mut warnings)?;
     let identity = args.identity(&settings, &source);
     let digest = identity.digest().context("the run cannot be described")?;
     if let Some(number) = args.into.as_ref().and(joining::session_of_run(target.store()?, &digest)) {

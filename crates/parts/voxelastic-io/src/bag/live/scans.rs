@@ -37,6 +37,7 @@ impl LiveEvents {
             selection: Selection::default(),
             nodes: None,
             corrections: if topics.stream.corrections.is_some() { Corrections::by_message() } else { Corrections::default() },
+            pose_change: options.pose_change,
             tolerance_s: options.time_tolerance_s,
             deskew: options.deskew,
             log,

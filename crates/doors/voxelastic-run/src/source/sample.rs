@@ -1,0 +1,162 @@
+//! Some of the data, looked at before anything is mapped.
+
+use super::Source;
+use crate::input::Input;
+use crate::warning::{Code, Warnings};
+use voxelastic::event::Event;
+use voxelastic::geometry::PoseExt;
+use voxelastic::{Cloud, Pose};
+use voxelastic_io::dataset::{Dataset, ScanEntry};
+use voxelastic_io::source::Source as RegisteredSource;
+use voxelastic_slam::pose_check::{CheckScan, PoseCheck};
+
+/// Pairs of scans that are compared: at least, at most, and one for so many scans.
+const PAIRS: (usize, usize, usize) = (6, 12, 12);
+/// The two scans of a pair are at most so many apart ..
+const MOST_APART: usize = 5;
+/// .. and so far, if there are scans enough: metres, radians.
+const APART: (f64, f64) = (0.5, 0.1);
+/// Scans of a recording, or without poses, that are read from their beginning.
+const FROM_BEGINNING: usize = 12;
+/// A sweep lasts no longer than this many intervals between clouds: scans overlap a little, and clocks jitter.
+const MOST_INTERVALS: f64 = 1.3;
+
+/// What some of the data look like.
+#[derive(Clone, Debug)]
+pub struct Examination {
+    /// What a comparison of the poses with the scans has shown; none where there are no poses.
+    pub poses: Option<PoseCheck>,
+    /// The scans that were read for it.
+    pub sample: Sample,
+}
+
+/// Scans that were read, in pairs that are compared, and the poses of all.
+#[derive(Clone, Debug, Default)]
+pub struct Sample {
+    /// Times, seconds, and poses of the lidar in the map.
+    pub track: Vec<(f64, Pose)>,
+    /// Whether the times are those of a clock.
+    pub has_times: bool,
+    /// Pairs of scans, thinned.
+    pub pairs: Vec<(CheckScan, CheckScan)>,
+    /// Of each cloud that was read: returns, the range within which 95 % of them are (metres), and the time from the first to the last point (seconds), if points have times.
+    pub clouds: Vec<(usize, f32, Option<f64>)>,
+    /// The usual time between clouds, seconds, where all of them are known.
+    pub interval_s: Option<f64>,
+}
+
+impl Examination {
+    /// Says what the times of points mean, and what is doubtful about them.
+    pub(super) fn tell_clouds(&self, warnings: &mut Warnings) {
+        let Some(sweep) = self.sample.sweep_s() else {
+            if !self.sample.clouds.is_empty() {
+                tracing::info!("points have no times: clouds are taken as they are, undistorted or not");
+            }
+            return;
+        };
+        tracing::info!("points have times: a sweep takes {:.1} ms", sweep * 1e3);
+        if let Some(interval) = self.sample.interval_s.filter(|interval| sweep > MOST_INTERVALS * interval) {
+            let text = format!(
+                "a sweep takes {sweep:.3} s by the times of its points, but clouds come every {interval:.3} s: the times are in another unit, or of several sweeps"
+            );
+            warnings.add(Code::DoubtfulTimes, text, "write them in seconds, or in ns as whole numbers; --no-deskew does without them");
+        }
+    }
+}
+
+impl Sample {
+    /// The time from the first to the last point of a cloud, in the middle of all that have times, seconds.
+    pub fn sweep_s(&self) -> Option<f64> {
+        middle(self.clouds.iter().filter_map(|(_, _, sweep)| *sweep).collect())
+    }
+
+    fn add(&mut self, index: usize, cloud: &Cloud) -> CheckScan {
+        let returns = cloud.points.iter().filter(|p| Cloud::is_return(p));
+        let mut ranges: Vec<f32> = returns.map(|p| p.iter().map(|v| v * v).sum::<f32>().sqrt()).collect();
+        ranges.sort_by(f32::total_cmp);
+        let bounds =
+            cloud.time.as_ref().map(|times| times.iter().fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), t| (low.min(*t), high.max(*t))));
+        let sweep = bounds.map(|(low, high)| f64::from(high - low)).filter(|sweep| *sweep > 0.0);
+        self.clouds.push((ranges.len(), ranges.get(ranges.len() * 95 / 100).copied().unwrap_or(0.0), sweep));
+        CheckScan::new(index, cloud)
+    }
+}
+
+impl Source {
+    /// Reads some of the scans, `times` as many as usual.
+    pub(super) fn sample(&self, times: usize) -> Sample {
+        match self {
+            Self::Registered(source) => match &**source {
+                RegisteredSource::Folder(folder) => of_folder(folder, times),
+                RegisteredSource::Recording(_) | _ => self.of_beginning(times),
+            },
+            Self::Raw(_) => self.of_beginning(times),
+        }
+    }
+
+    /// The beginning of a recording, or of scans without poses.
+    fn of_beginning(&self, times: usize) -> Sample {
+        let mut sample = Sample { has_times: true, ..Sample::default() };
+        let (mut scans, mut came) = (Vec::new(), Vec::new());
+        for input in self.inputs() {
+            match input {
+                Input::Event(Event::Scan(scan)) => {
+                    scans.push(sample.add(sample.track.len(), &scan.cloud));
+                    sample.track.push((scan.time, scan.t_map_lidar));
+                }
+                Input::RawScan(scan, _) => {
+                    sample.add(0, &scan.cloud);
+                    came.push(scan.time);
+                }
+                _ => continue,
+            }
+            if sample.clouds.len() >= FROM_BEGINNING * times {
+                break;
+            }
+        }
+        sample.interval_s = interval(&came);
+        sample.pairs = (0..scans.len().saturating_sub(1)).map(|k| (scans[k].clone(), scans[partner(&sample.track, k)].clone())).collect();
+        sample
+    }
+}
+
+/// Pairs from all over a folder. Half of them are where the lidar turns most: only there it shows where it is on a vehicle.
+fn of_folder(folder: &Dataset, times: usize) -> Sample {
+    let scans: Vec<&ScanEntry> = folder.scans().iter().filter(|scan| scan.sensor == 0).collect();
+    let track: Vec<(f64, Pose)> = scans.iter().map(|scan| (scan.time, scan.t_map_lidar)).collect();
+    let (least, most, per) = PAIRS;
+    let count = ((scans.len() / per).clamp(least, most) * times).min(scans.len().saturating_sub(1));
+    let turn = |k: &usize| track[*k].1.rotation_distance(&track[partner(&track, *k)].1);
+    let firsts = (0..count).map(|bin| {
+        let (from, to) = (bin * (scans.len() - 1) / count, (bin + 1) * (scans.len() - 1) / count);
+        let most_turned = (from..to).max_by(|a, b| turn(a).total_cmp(&turn(b)));
+        if bin % 2 == 0 { usize::midpoint(from, to) } else { most_turned.unwrap_or(from) }
+    });
+    let firsts: Vec<usize> = firsts.collect();
+    let mut sample = Sample { has_times: folder.has_times(), ..Sample::default() };
+    let mut read = |k: usize| folder.cloud(scans[k]).ok().map(|cloud| sample.add(k, &cloud));
+    let pairs = firsts.into_iter().filter_map(|first| Some((read(first)?, read(partner(&track, first))?))).collect();
+    let came: Vec<f64> = track.iter().map(|(time, _)| *time).collect();
+    let interval_s = if sample.has_times { interval(&came) } else { None };
+    Sample { track, pairs, interval_s, ..sample }
+}
+
+/// The scan that a scan is compared with: the next one, or one of those after it, if the lidar hardly moves.
+fn partner(track: &[(f64, Pose)], first: usize) -> usize {
+    let last = (first + MOST_APART).min(track.len() - 1);
+    let is_apart = |k: &usize| {
+        let (a, b) = (&track[first].1, &track[*k].1);
+        a.translation_distance(b) > APART.0 || a.rotation_distance(b) > APART.1
+    };
+    (first + 1..last).find(is_apart).unwrap_or(last)
+}
+
+/// The usual time between clouds, seconds.
+fn interval(times: &[f64]) -> Option<f64> {
+    middle(times.windows(2).map(|pair| pair[1] - pair[0]).filter(|s| *s > 0.0).collect())
+}
+
+fn middle(mut values: Vec<f64>) -> Option<f64> {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied()
+}
