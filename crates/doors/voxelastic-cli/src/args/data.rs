@@ -65,7 +65,7 @@ pub struct ReadingArgs {
     /// Without poses: do not use the inertial measurement unit of the data
     #[arg(long, hide_short_help = true)]
     no_imu: bool,
-    /// Of a capture: the metadata (.json) of an Ouster sensor, or the angles of the beams (.csv) of a Hesai or RoboSense, if they are not found by name
+    /// Of packets: the metadata (.json) of an Ouster sensor, or the angles of the beams (.csv) of a Hesai or RoboSense, if they are not found by name
     #[arg(long, value_name = "FILE", hide_short_help = true)]
     metadata: Option<PathBuf>,
     /// Do not compensate the motion of the sensor during a sweep: for clouds that are compensated already but still have point times

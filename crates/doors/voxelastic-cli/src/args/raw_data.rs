@@ -21,7 +21,7 @@ pub struct RawDataArgs {
     /// Do not use the inertial measurement unit of the data
     #[arg(long)]
     no_imu: bool,
-    /// Of a capture: the metadata (.json) of an Ouster sensor, or the angles of the beams (.csv) of a Hesai or RoboSense, if they are not found by name
+    /// Of packets: the metadata (.json) of an Ouster sensor, or the angles of the beams (.csv) of a Hesai or RoboSense, if they are not found by name
     #[arg(long, value_name = "FILE", hide_short_help = true)]
     metadata: Option<PathBuf>,
 }

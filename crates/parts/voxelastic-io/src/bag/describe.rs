@@ -4,8 +4,9 @@ use super::containers::files;
 use super::containers::format::BagFormat;
 use super::containers::open::open;
 use super::description::RecordingDescription;
+use super::packet_topics::PacketTopics;
 use super::summary::{RecordingSummary, count_messages};
-use super::topics::choose;
+use super::topics::{choose, choose_clouds};
 use crate::capture::CaptureKind;
 use crate::{Error, OpenOptions, Result};
 use std::path::{Path, PathBuf};
@@ -38,7 +39,12 @@ pub fn describe(path: impl AsRef<Path>, options: &OpenOptions) -> Result<Recordi
     let mut description = describe_bag(files, &summary, options)?;
     match choose(&summary, path, options) {
         Ok(chosen) => description.set_topics(&chosen, &summary),
-        Err(error) => description.problem = Some(error.to_string()),
+        Err(error) => {
+            description.problem = Some(error.to_string());
+            let clouds = choose_clouds(&summary, path, options.cloud_topic.as_deref());
+            let packets = clouds.and_then(|clouds| PacketTopics::of(&summary, path, &[clouds], options));
+            description.notes.extend(packets.map(|packets| packets.notes).unwrap_or_default());
+        }
     }
     Ok(description)
 }

@@ -1,6 +1,7 @@
 //! What a recording consists of, for people.
 
 use super::containers::format::BagFormat;
+use super::messages::packets::PacketLayout;
 use super::summary::{RecordingSummary, TopicSummary};
 use super::topics::ChosenTopics;
 use crate::OpenOptions;
@@ -66,7 +67,7 @@ impl RecordingDescription {
         }
         self.cloud_topic = chosen.clouds.first().cloned();
         self.more_cloud_topics = chosen.clouds.iter().skip(1).cloned().collect();
-        self.notes.extend(chosen.remark.clone());
+        self.notes.extend(chosen.packets.notes.iter().chain(&chosen.remark).cloned());
         if self.poses.is_none() {
             self.poses = chosen.poses.as_ref().map(|(name, _)| name.clone());
         }
@@ -82,18 +83,18 @@ impl fmt::Display for RecordingDescription {
         if let Some([first, last]) = self.times {
             write!(f, ", {:.1} s", last - first)?;
         }
-        let messages = |name: &String| self.topics.iter().find(|t| t.name == *name).and_then(|t| t.messages);
+        let count = |name: &String| {
+            let topic = self.topics.iter().find(|t| t.name == *name)?;
+            let what = if PacketLayout::of(&topic.kind).is_some() { " messages of packets" } else { "" };
+            topic.messages.map(|n| format!(", {n}{what}"))
+        };
+        let counted = |name: &String| count(name).map_or_else(|| name.clone(), |count| name.clone() + &count);
         if let Some(topic) = &self.cloud_topic {
-            write!(f, "\nclouds: {topic}")?;
-            messages(topic).map_or(Ok(()), |n| write!(f, ", {n}"))?;
+            write!(f, "\nclouds: {}", counted(topic))?;
         }
-        for topic in &self.more_cloud_topics {
-            write!(f, "; {topic}")?;
-            messages(topic).map_or(Ok(()), |n| write!(f, ", {n}"))?;
-        }
+        self.more_cloud_topics.iter().try_for_each(|topic| write!(f, "; {}", counted(topic)))?;
         if let Some(poses) = &self.poses {
-            write!(f, "\nposes: {poses}")?;
-            messages(poses).map_or(Ok(()), |n| write!(f, ", {n}"))?;
+            write!(f, "\nposes: {}", counted(poses))?;
         }
         if let Some([nodes, loops]) = self.graph {
             write!(f, "\ngraph: {nodes} nodes, {loops} loop edges")?;

@@ -2,7 +2,7 @@
 //!
 //! [`Recording::open`] reads the index and the first seconds, finds out which topics hold the clouds and the poses, and
 //! [`Recording::events`] plays the recording from front to back as a registered cloud list. Clouds are `sensor_msgs/PointCloud2` of any layout
-//! and Livox `CustomMsg`; poses are `nav_msgs/Odometry`, `nav_msgs/Path`, `geometry_msgs/PoseStamped` (also with covariance), the transform
+//! and Livox `CustomMsg`, or made of the packets of sensors; poses are `nav_msgs/Odometry`, `nav_msgs/Path`, `geometry_msgs/PoseStamped` (also with covariance), the transform
 //! tree of `/tf` and `/tf_static`, or a trajectory file with times.
 //!
 //! ```no_run
@@ -26,6 +26,7 @@ mod description;
 mod graph_nodes;
 pub mod live;
 mod messages;
+mod packet_topics;
 mod raw_player;
 mod raw_recording;
 mod recording;

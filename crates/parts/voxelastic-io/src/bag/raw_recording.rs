@@ -1,6 +1,7 @@
 //! The clouds of a recording without poses.
 
 use super::describe::{describe_bag, describe_capture, is_capture, summarise};
+use super::packet_topics::PacketTopics;
 use super::raw_player::{RawPlayer, RecordedScan};
 use super::stream::{BagStream, StreamTopics};
 use super::topics::{choose_clouds, choose_further_clouds, choose_imu};
@@ -22,6 +23,8 @@ pub(crate) struct RawRecording {
     /// How a capture is read.
     capture: Option<CaptureKind>,
     open: OpenStream,
+    /// The sensor's own tables of beams, of a topic with packets.
+    model: Option<Box<BeamModel>>,
     /// Number of clouds, if known.
     count: Option<usize>,
     description: String,
@@ -52,25 +55,38 @@ impl RawRecording {
             let open: OpenStream = Arc::new(move || read.stream(&capture));
             let description = format!("recording: {}\nnote: {}", description.format, description.notes.join("\nnote: "));
             let t_lidar_imu = if options.use_imu { kind.t_sensor_imu(path)? } else { None };
-            return Ok(Self { path: path.into(), capture: Some(kind), open, count: None, description, t_lidar_imu, t_first_sensor: Vec::new(), log });
+            return Ok(Self {
+                path: path.into(),
+                capture: Some(kind),
+                open,
+                model: None,
+                count: None,
+                description,
+                t_lidar_imu,
+                t_first_sensor: Vec::new(),
+                log,
+            });
         }
         let (files, summary) = summarise(path)?;
         let clouds = choose_clouds(&summary, path, options.cloud_topic.as_deref())?;
         let further = choose_further_clouds(&summary, path, &clouds, options)?;
-        let of_topics: Option<Vec<u64>> =
-            std::iter::once(&clouds).chain(further.iter().map(|(topic, _)| topic)).map(|name| summary.count(name)).collect();
-        let count = of_topics.and_then(|counts| usize::try_from(counts.iter().sum::<u64>()).ok());
         let described = describe_bag(files.clone(), &summary, options)?;
         let (more, t_first_sensor): (Vec<String>, Vec<Pose>) = further.into_iter().unzip();
         let topics: Vec<String> = std::iter::once(clouds.clone()).chain(more).collect();
+        let packets = PacketTopics::of(&summary, path, &topics, options)?;
+        // How many scans packets make is not known.
+        let of_topics: Option<Vec<u64>> = topics.iter().map(|name| summary.count(name).filter(|_| packets.sensors.is_empty())).collect();
+        let count = of_topics.and_then(|counts| usize::try_from(counts.iter().sum::<u64>()).ok());
         let description =
             format!("recording: {}\nclouds: {}", described.format, topics.join(", ")) + &count.map_or(String::new(), |n| format!(", {n}"));
-        let imu = choose_imu(&summary, path, &clouds, options)?;
+        let description = packets.notes.iter().fold(description, |said, note| format!("{said}\nnote: {note}"));
+        let imu = choose_imu(&summary, &packets, path, &clouds, options)?;
         let description = if imu.remark.is_empty() { description } else { format!("{description}\n{}", imu.remark) };
         let (imu, t_lidar_imu) = imu.topic.map_or((None, None), |(name, pose)| (Some(name), Some(pose)));
-        let topics = StreamTopics { clouds: topics, imu, ..StreamTopics::default() };
+        let model = packets.model(&topics).map(Box::new);
+        let topics = StreamTopics { clouds: topics, imu, packets: packets.sensors, ..StreamTopics::default() };
         let open: OpenStream = Arc::new(move || Ok(Box::new(BagStream::new(&files, topics.clone())) as Box<dyn MessageStream>));
-        Ok(Self { path: path.into(), capture: None, open, count, description, t_lidar_imu, t_first_sensor, log })
+        Ok(Self { path: path.into(), capture: None, open, model, count, description, t_lidar_imu, t_first_sensor, log })
     }
 
     /// Pose of each further sensor in the frame of the first.
@@ -88,9 +104,9 @@ impl RawRecording {
         self.count
     }
 
-    /// The sensor's own tables of beams, if it is a capture.
+    /// The sensor's own tables of beams, if its packets were recorded with them.
     pub(crate) fn sensor(&self) -> Option<BeamModel> {
-        self.capture.as_ref()?.model(&self.path)
+        self.capture.as_ref().map_or_else(|| self.model.as_deref().cloned(), |capture| capture.model(&self.path))
     }
 
     /// The clouds from the beginning. A part that cannot be read is an `Err` item.

@@ -146,10 +146,10 @@ impl Recording {
         self.log.without_pose.load(Ordering::Relaxed)
     }
 
-    /// The sensor's own tables of beams, if it is a capture.
+    /// The sensor's own tables of beams, if its packets were recorded with them.
     pub fn sensor(&self) -> Option<BeamModel> {
         match &self.input {
-            Input::Bag(_) => None,
+            Input::Bag(chosen) => chosen.packets.model(&chosen.clouds),
             Input::Capture(kind) => kind.model(&self.path),
         }
     }
@@ -193,7 +193,8 @@ impl Recording {
         match &self.input {
             Input::Bag(chosen) => {
                 let poses = chosen.poses.clone().filter(|(_, role)| *role != TopicRole::Transforms).map(|(name, _)| name);
-                let topics = StreamTopics { clouds: chosen.clouds.clone(), poses, corrections: self.options.correction_topic.clone(), imu: None };
+                let (clouds, packets) = (chosen.clouds.clone(), chosen.packets.sensors.clone());
+                let topics = StreamTopics { clouds, poses, corrections: self.options.correction_topic.clone(), imu: None, packets };
                 Arc::new(move || Ok(Box::new(BagStream::new(&files, topics.clone())) as Box<dyn MessageStream>))
             }
             Input::Capture(kind) => {

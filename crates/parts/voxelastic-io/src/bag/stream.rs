@@ -5,11 +5,13 @@ use super::containers::open::open;
 use super::messages::decoder::MessageDecoder;
 use super::messages::topic_role::TopicRole;
 use crate::Result;
+use crate::capture::{PacketScans, PacketSensor, message as cloud_message};
 use crate::motion::PoseTrack;
 use crate::playback::{CloudMessage, MessageStream, SensorMessage};
 use crate::points::is_time;
 use crate::stamped_cloud::StampedCloud;
-use std::collections::VecDeque;
+use std::collections::btree_map::Entry;
+use std::collections::{BTreeMap, VecDeque};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -76,6 +78,8 @@ pub(super) struct StreamTopics {
     /// Corrected poses.
     pub(super) corrections: Option<String>,
     pub(super) imu: Option<String>,
+    /// The sensors of the clouds that are made of packets.
+    pub(super) packets: BTreeMap<String, PacketSensor>,
 }
 
 impl StreamTopics {
@@ -84,23 +88,46 @@ impl StreamTopics {
         let is = |name: &Option<String>| Some(&topic.name) == name.as_ref();
         match role {
             TopicRole::Transforms => true,
-            TopicRole::Imu => is(&self.imu),
+            TopicRole::Imu | TopicRole::ImuPackets => is(&self.imu),
             role if role.is_cloud() => self.clouds.contains(&topic.name),
             _ => is(&self.poses) || is(&self.corrections),
         }
+    }
+
+    /// Which sensor the clouds of a topic are of.
+    fn sensor(&self, topic: &str) -> u16 {
+        self.clouds.iter().position(|name| name == topic).unwrap_or(0) as u16
+    }
+}
+
+/// The scans of a topic with packets.
+struct TopicScans {
+    scans: PacketScans,
+    sensor: u16,
+    topic: String,
+    frame: String,
+    path: Arc<Path>,
+}
+
+impl TopicScans {
+    fn message(&self, scan: StampedCloud) -> SensorMessage {
+        let time = scan.stamp.unwrap_or(0.0);
+        SensorMessage::Cloud(CloudMessage { sensor: self.sensor, ..cloud_message(scan, time, &self.frame, &self.path) })
     }
 }
 
 /// Messages of topics as clouds, poses and transforms.
 pub(super) struct SensorMessages {
     topics: StreamTopics,
-    /// What is left of a message that holds several poses.
+    /// What is left of a message that holds several poses or scans.
     pending: VecDeque<SensorMessage>,
+    /// What makes scans of the packets of each sensor.
+    packets: BTreeMap<u16, TopicScans>,
 }
 
 impl SensorMessages {
     pub(super) fn new(topics: StreamTopics) -> Self {
-        Self { topics, pending: VecDeque::new() }
+        Self { topics, pending: VecDeque::new(), packets: BTreeMap::new() }
     }
 
     pub(super) fn topics(&self) -> &StreamTopics {
@@ -112,8 +139,47 @@ impl SensorMessages {
         self.pending.pop_front()
     }
 
+    /// Takes packets, and the scans that they complete.
+    fn add_packets(&mut self, message: &TopicMessage) -> Result<SensorMessage> {
+        let decoder = message.decoder();
+        // An inertial unit is in the first sensor.
+        let of_unit = self.topics.clouds.first().filter(|_| message.role == TopicRole::ImuPackets);
+        let topic = of_unit.unwrap_or(&message.topic.name);
+        let Some(source) = self.topics.packets.get(topic) else { return Ok(SensorMessage::Other) };
+        let made = match self.packets.entry(self.topics.sensor(topic)) {
+            Entry::Occupied(known) => known.into_mut(),
+            Entry::Vacant(new) => {
+                let (sensor, frame, path) = (*new.key(), decoder.header()?.frame, Arc::clone(&message.path));
+                new.insert(TopicScans { scans: source.scans()?, sensor, topic: topic.clone(), frame, path })
+            }
+        };
+        for (came, packet) in decoder.packets()? {
+            made.scans.add(packet, came);
+        }
+        self.pending.extend(made.scans.take_imu().into_iter().map(SensorMessage::Imu));
+        while let Some(scan) = made.scans.take_scan() {
+            self.pending.push_back(made.message(scan));
+        }
+        Ok(self.pending().unwrap_or(SensorMessage::Other))
+    }
+
+    /// What is left at the end of a recording; says which packets could not be used.
+    fn finish(&mut self) -> Option<SensorMessage> {
+        for (_, mut made) in std::mem::take(&mut self.packets) {
+            let last = made.scans.take_unfinished();
+            self.pending.extend(last.map(|scan| made.message(scan)));
+            if let Some(said) = made.scans.losses() {
+                tracing::warn!("{}: {}: {said}", made.path.display(), made.topic);
+            }
+        }
+        self.pending()
+    }
+
     /// Decodes a message; clouds are decoded later.
     pub(super) fn decode(&mut self, message: TopicMessage) -> Result<SensorMessage> {
+        if matches!(message.role, TopicRole::Packets | TopicRole::ImuPackets) {
+            return self.add_packets(&message);
+        }
         let decoder = message.decoder();
         if message.role.is_cloud() {
             let header = decoder.header()?;
@@ -121,7 +187,7 @@ impl SensorMessages {
             let has_times = decoder.cloud_fields(message.role).map_or(true, |fields| fields.iter().any(|name| is_time(name)));
             let (bytes, name_of_topic) = (message.message.data.len(), message.topic.name.clone());
             let decode = Box::new(move || message.cloud());
-            let sensor = self.topics.clouds.iter().position(|name| *name == name_of_topic).unwrap_or(0) as u16;
+            let sensor = self.topics.sensor(&name_of_topic);
             return Ok(SensorMessage::Cloud(CloudMessage { time: header.time, frame: header.frame, sensor, has_times, bytes, decode }));
         }
         if message.role == TopicRole::Imu {
@@ -171,12 +237,13 @@ impl MessageStream for BagStream {
             return Some(Ok(message));
         }
         let topics = self.messages.topics();
-        match self.files.next(&|topic, role| topics.has(topic, role))? {
-            Ok(message) => {
-                self.now = message.message.time_ns as f64 * 1e-9;
+        match self.files.next(&|topic, role| topics.has(topic, role)) {
+            Some(Ok(message)) => {
+                self.now = message.message.time();
                 Some(self.messages.decode(message))
             }
-            Err(error) => Some(Err(error)),
+            Some(Err(error)) => Some(Err(error)),
+            None => self.messages.finish().map(Ok),
         }
     }
 

@@ -39,6 +39,7 @@ pub(super) struct CloudTopic {
 
 /// What is known about a recording before it is played.
 pub(super) struct RecordingSummary {
+    pub(super) files: Vec<PathBuf>,
     pub(super) topics: Vec<Topic>,
     /// Messages of each topic, if all files have an index.
     pub(super) counts: Option<Vec<u64>>,
@@ -59,15 +60,7 @@ impl RecordingSummary {
     /// # Errors
     /// Those of opening the files.
     pub(super) fn of(files: &[PathBuf]) -> Result<Self> {
-        let mut summary = Self {
-            topics: Vec::new(),
-            counts: Some(Vec::new()),
-            times: None,
-            cloud_topics: HashMap::new(),
-            imu_frames: HashMap::new(),
-            tree: TransformTree::default(),
-            notes: Vec::new(),
-        };
+        let mut summary = Self { files: files.to_vec(), counts: Some(Vec::new()), ..Self::of_topics(Vec::new()) };
         for file in files {
             let container = match open(file) {
                 Ok(container) => container,
@@ -95,6 +88,7 @@ impl RecordingSummary {
     /// Of topics whose messages have not been seen.
     pub(super) fn of_topics(topics: Vec<Topic>) -> Self {
         Self {
+            files: Vec::new(),
             topics,
             counts: None,
             times: None,
@@ -135,7 +129,7 @@ impl RecordingSummary {
         // Damaged parts are reported when the recording is played.
         while let Some(message) = messages.next(&|_, _| true) {
             let Ok(message) = message else { continue };
-            let time = message.message.time_ns as f64 * 1e-9;
+            let time = message.message.time();
             bytes += message.message.data.len();
             let elapsed = time - *first.get_or_insert(time);
             if elapsed > BEGINNING_S || bytes > BEGINNING_BYTES || self.is_complete_after(elapsed) {
@@ -215,7 +209,7 @@ pub(super) fn count_messages(files: &[PathBuf]) -> (HashMap<String, u64>, Option
         let Ok(mut container) = open(file) else { continue };
         while let Some(message) = container.next(&|_| true) {
             let Ok(message) = message else { continue };
-            let time = message.time_ns as f64 * 1e-9;
+            let time = message.time();
             times = Some(times.map_or([time; 2], |[a, b]| [a.min(time), b.max(time)]));
             *counts.entry(container.topics()[message.topic].name.clone()).or_default() += 1;
         }

@@ -1,6 +1,7 @@
 //! Choosing the topics of clouds and poses.
 
 use super::messages::topic_role::TopicRole;
+use super::packet_topics::PacketTopics;
 use super::stream::is_static;
 use super::summary::{CloudTopic, RecordingSummary};
 use crate::playback::SensorMounts;
@@ -21,6 +22,8 @@ pub(super) struct ChosenTopics {
     pub(super) poses: Option<(String, TopicRole)>,
     /// Frame of the first sensor's clouds.
     first_frame: String,
+    /// The sensors of topics with packets.
+    pub(super) packets: PacketTopics,
     /// What was decided about several sensors.
     pub(super) remark: Option<String>,
 }
@@ -56,6 +59,7 @@ pub(super) fn choose(summary: &RecordingSummary, path: &Path, options: &OpenOpti
         }
         clouds.push(further);
     }
+    let packets = PacketTopics::of(summary, path, &clouds, options)?;
     let poses = match options.poses {
         Some(_) => None,
         None => Some(choose_poses(summary, path, &clouds[0], options.pose_topic.as_deref())?),
@@ -79,14 +83,14 @@ pub(super) fn choose(summary: &RecordingSummary, path: &Path, options: &OpenOpti
         let choice = if by_itself { "; --cloud-topic chooses among them" } else { "" };
         format!("{} sensors are mapped together, each with its own beams and its own pose on the vehicle{choice}", clouds.len())
     });
-    Ok(ChosenTopics { clouds, poses, first_frame, remark })
+    Ok(ChosenTopics { clouds, poses, first_frame, packets, remark })
 }
 
 /// The topics of several raw sensors that can be mapped together without a choice: clouds with times of their points, each in a frame of its own, with fixed
 /// transforms between them. By name.
 fn beside_each_other(summary: &RecordingSummary) -> Option<Vec<String>> {
     let mut found: Vec<(String, String)> = Vec::new();
-    let mut names: Vec<String> = summary.of_role(TopicRole::is_cloud).into_iter().map(|(name, _)| name).collect();
+    let mut names: Vec<String> = candidates(summary).into_iter().map(|(name, _)| name).collect();
     names.sort();
     for name in names {
         let CloudTopic { frame, fields } = summary.cloud_topics.get(&name)?;
@@ -103,18 +107,24 @@ fn beside_each_other(summary: &RecordingSummary) -> Option<Vec<String>> {
     (found.len() > 1).then(|| found.into_iter().map(|(name, _)| name).collect())
 }
 
+/// The topics of scans: those with packets only where no other has clouds, which drivers make of them.
+fn candidates(summary: &RecordingSummary) -> Vec<(String, TopicRole)> {
+    let clouds = summary.of_role(|role| role.is_cloud() && role != TopicRole::Packets);
+    if clouds.is_empty() { summary.of_role(TopicRole::is_cloud) } else { clouds }
+}
+
 /// Chooses the topic of the clouds: the requested one, else the only possible one.
 ///
 /// # Errors
 /// As [`choose`].
 pub(super) fn choose_clouds(summary: &RecordingSummary, path: &Path, requested: Option<&str>) -> Result<String> {
-    let all = summary.of_role(TopicRole::is_cloud);
+    let all = if requested.is_some() { summary.of_role(TopicRole::is_cloud) } else { candidates(summary) };
     let names = || all.iter().map(|(name, _)| name.clone()).collect::<Vec<String>>();
     if let Some(requested) = requested {
         return find(&all, requested).map(|(name, _)| name).ok_or_else(|| unknown(path, requested, &names(), "--cloud-topic"));
     }
     if all.is_empty() {
-        let remedy = "clouds are sensor_msgs/PointCloud2 or Livox CustomMsg; of raw packets (velodyne_msgs, ouster) convert to clouds first";
+        let remedy = "clouds are sensor_msgs/PointCloud2 or Livox CustomMsg, and in recordings packets of Velodyne, Hesai, RoboSense or Ouster; of others, have the driver make clouds and record those";
         return Err(Error::dataset(path, "no clouds in it", remedy));
     }
     let cloud_topic = |name: &str| summary.cloud_topics.get(name).cloned().unwrap_or_default();
@@ -163,7 +173,10 @@ pub(super) struct ChosenImu {
 ///
 /// # Errors
 /// [`Error::Dataset`] if the requested topic does not exist, or where its unit is is not known.
-pub(super) fn choose_imu(summary: &RecordingSummary, path: &Path, clouds: &str, options: &OpenOptions) -> Result<ChosenImu> {
+pub(super) fn choose_imu(summary: &RecordingSummary, packets: &PacketTopics, path: &Path, clouds: &str, options: &OpenOptions) -> Result<ChosenImu> {
+    if let Some((name, pose)) = packets.imu(summary, clouds, options) {
+        return Ok(ChosenImu { remark: format!("imu: {name}"), topic: Some((name, pose)) });
+    }
     let mut all = summary.of_role(|role| role == TopicRole::Imu);
     all.sort_by(|a, b| a.0.cmp(&b.0));
     let names = || all.iter().map(|(name, _)| name.clone()).collect::<Vec<String>>();

@@ -41,9 +41,52 @@ impl SensorClock {
     }
 }
 
+/// The delays of so many packets are averaged: a second of most sensors.
+const PACKETS: f64 = 1000.0;
+/// If the difference of both clocks changes by more, one of them was set, seconds.
+const LARGEST_DELAY_S: f64 = 1.0;
+
+/// The clock of the machine that received the packets of a sensor, as their times in the sensor's clock tell it. Each packet is late by a delay of its own.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct HostClock {
+    /// What is added to the times of the sensor, as the mean of so many packets.
+    shift: f64,
+    packets: f64,
+}
+
+impl HostClock {
+    /// Takes the time of a packet in the sensor's clock, and when it came; seconds.
+    pub(super) fn note(&mut self, sensor: f64, came: f64) {
+        let delay = came - sensor - self.shift;
+        if self.packets == 0.0 || delay.abs() > LARGEST_DELAY_S {
+            *self = Self { shift: came - sensor, packets: 1.0 };
+            return;
+        }
+        self.packets = (self.packets + 1.0).min(PACKETS);
+        self.shift += delay / self.packets;
+    }
+
+    /// The time of the sensor in this clock.
+    pub(super) fn time(&self, sensor: f64) -> f64 {
+        sensor + self.shift
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_clock_of_the_machine_is_followed_and_delays_are_averaged() {
+        let mut host = HostClock::default();
+        // The sensor counts from zero and is 50 millionths slow; packets are late by up to 4 ms.
+        for k in 0..600_000 {
+            host.note(f64::from(k) * 1e-3, 1.7e9 + f64::from(k) * 1e-3 * 1.000_05 + f64::from(k * 7 % 5) * 1e-3);
+        }
+        assert!((host.time(600.0) - (1.7e9 + 600.03 + 0.002)).abs() < 2e-4, "{}", host.time(600.0));
+        host.note(600.0, 1.7e9 - 20.0);
+        assert!((host.time(600.0) - (1.7e9 - 20.0)).abs() < 1e-6, "the clock was set");
+    }
 
     #[test]
     fn a_clock_that_is_set_is_believed_and_another_is_shifted() {

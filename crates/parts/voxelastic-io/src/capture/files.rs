@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 pub(super) type BeamAngles = Vec<[f64; 2]>;
 
 /// The file with angles beside a capture: of those that hold some, the one whose name shares the longest prefix with the capture's; none if two share as much.
-pub(super) fn find_angles(capture: &Path) -> Option<PathBuf> {
+pub(crate) fn find_angles(capture: &Path) -> Option<PathBuf> {
     let folder = capture.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let stem = |path: &Path| path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
     let name = stem(capture);

@@ -13,6 +13,7 @@ mod head_turn;
 mod hesai;
 mod kind;
 mod live;
+mod packet_sensor;
 mod recognise;
 mod robosense;
 mod spinning;
@@ -22,8 +23,10 @@ mod turn_assembler;
 mod velodyne;
 
 pub(crate) use datagrams::Pcap;
+pub(crate) use files::find_angles;
 pub(crate) use frames::{MAGICS, PCAPNG};
 pub(crate) use kind::CaptureKind;
 pub use live::SensorPacket;
 pub(crate) use live::SpinningStream;
+pub(crate) use packet_sensor::{PacketScans, PacketSensor};
 pub(crate) use stream::{CapturedScans, message};

@@ -1,6 +1,6 @@
 //! Which sensor a capture is of, by its packets.
 
-use super::datagrams::Pcap;
+use super::datagrams::{Datagram, Pcap};
 use super::files::find_angles;
 use super::hesai::{self, HesaiPackets};
 use super::robosense::{self, RoboSensePackets};
@@ -177,10 +177,23 @@ pub(super) fn known() -> Vec<String> {
 /// Those of opening the files.
 pub(super) fn recognise(path: &Path, angles: Option<&Path>) -> Result<Recognised> {
     let mut pcap = Pcap::open(path)?;
+    // What is damaged is reported when the capture is played.
+    recognise_in(std::iter::from_fn(|| pcap.next()).take(DATAGRAMS).flatten(), path, angles, || find_angles(path))
+}
+
+/// Looks at datagrams, which are of no known sender if they come from a topic. Where the user names no file with `angles`, the one that `beside` finds is used.
+///
+/// # Errors
+/// A file that cannot be used, or is not needed.
+pub(super) fn recognise_in(
+    datagrams: impl Iterator<Item = Datagram>,
+    path: &Path,
+    angles: Option<&Path>,
+    beside: impl FnOnce() -> Option<PathBuf>,
+) -> Result<Recognised> {
     let mut found: BTreeMap<(Kind, u32, u16), usize> = BTreeMap::new();
     let mut devices: BTreeMap<u32, Vec<u8>> = BTreeMap::new();
-    // What is damaged is reported when the capture is played.
-    for datagram in std::iter::from_fn(|| pcap.next()).take(DATAGRAMS).flatten() {
+    for datagram in datagrams {
         if let Some(kind) = Kind::of(&datagram.payload) {
             *found.entry((kind, datagram.source, datagram.port)).or_default() += 1;
         } else if is_about_device(&datagram.payload) {
@@ -189,8 +202,12 @@ pub(super) fn recognise(path: &Path, angles: Option<&Path>) -> Result<Recognised
     }
     // The one with the most packets; of several, the first.
     let Some((&(kind, source, port), _)) = found.iter().max_by(|a, b| a.1.cmp(b.1).then(b.0.cmp(a.0))) else { return Ok(Recognised::Nothing) };
-    let mut notes = vec![format!("sensor: {}, at {}, port {port}", kind.name(), Ipv4Addr::from(source))];
-    let particulars = Particulars { angles: angles.map(Path::to_owned).or_else(|| find_angles(path)), device: devices.remove(&source) };
+    let words = |kind: Kind, source: u32, port: u16| match port {
+        0 => kind.name(),
+        _ => format!("{}, at {}, port {port}", kind.name(), Ipv4Addr::from(source)),
+    };
+    let mut notes = vec![format!("sensor: {}", words(kind, source, port))];
+    let particulars = Particulars { angles: angles.map(Path::to_owned).or_else(beside), device: devices.remove(&source) };
     let make = match kind.make(particulars) {
         Ok((make, note)) => {
             notes.extend(note);
@@ -203,7 +220,7 @@ pub(super) fn recognise(path: &Path, angles: Option<&Path>) -> Result<Recognised
     // So that a damaged file is reported now.
     sensor.packets()?;
     let others = found.keys().filter(|key| **key != (kind, source, port));
-    notes.extend(others.map(|(kind, source, port)| format!("not read: {}, at {}, port {port}", kind.name(), Ipv4Addr::from(*source))));
+    notes.extend(others.map(|(kind, source, port)| format!("not read: {}", words(*kind, *source, *port))));
     if angles.is_some() && matches!(sensor.make, Make::Velodyne(_)) {
         return Err(Error::dataset(path, format!("a {} needs no file with angles", kind.name()), "do without --metadata"));
     }

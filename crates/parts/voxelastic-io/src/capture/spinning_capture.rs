@@ -28,16 +28,8 @@ impl SpinningCapture {
 
     /// Says, at the end, what could not be used.
     fn report(&self) {
-        let counts = self.assembler.counts();
-        let parts = [
-            (counts.damaged, "are damaged or of another kind"),
-            (counts.late, "came too late"),
-            (counts.lost, "are missing"),
-            (self.of_others, "are of another sensor"),
-        ];
-        let said: Vec<String> = parts.iter().filter(|(count, _)| *count > 0).map(|(count, what)| format!("{count} {what}")).collect();
-        if !said.is_empty() {
-            tracing::warn!("{}: of {} packets, {}", self.path.display(), counts.used + counts.damaged + counts.late + counts.lost, said.join(", "));
+        if let Some(said) = self.assembler.counts().words(self.of_others) {
+            tracing::warn!("{}: {said}", self.path.display());
         }
     }
 }
@@ -51,7 +43,9 @@ impl CapturedScans for SpinningCapture {
             match self.pcap.next() {
                 Some(Ok(datagram)) if datagram.port != self.sensor.port => {}
                 Some(Ok(datagram)) if datagram.source != self.sensor.source => self.of_others += 1,
-                Some(Ok(datagram)) => self.assembler.add(&datagram.payload, datagram.time),
+                Some(Ok(datagram)) => {
+                    self.assembler.add(&datagram.payload, datagram.time);
+                }
                 Some(Err(error)) => return Some(Err(error)),
                 None if self.ended => return None,
                 None => {

@@ -30,6 +30,17 @@ pub(super) struct PacketCounts {
     pub(super) left_out: usize,
 }
 
+impl PacketCounts {
+    /// What could not be used, in words; `of_others` packets are of another sensor.
+    pub(super) fn words(self, of_others: usize) -> Option<String> {
+        let Self { used, damaged, late, lost, .. } = self;
+        let parts =
+            [(damaged, "are damaged or of another kind"), (late, "came too late"), (lost, "are missing"), (of_others, "are of another sensor")];
+        let said: Vec<String> = parts.iter().filter(|(count, _)| *count > 0).map(|(count, what)| format!("{count} {what}")).collect();
+        (!said.is_empty()).then(|| format!("of {} packets, {}", used + damaged + late + lost, said.join(", ")))
+    }
+}
+
 /// The returns since the head passed zero.
 #[derive(Debug, Default)]
 struct Turn {
@@ -96,16 +107,19 @@ impl TurnAssembler {
         None
     }
 
-    /// Adds the content of a datagram that came at a time, seconds.
-    pub(super) fn add(&mut self, packet: &[u8], came: f64) {
+    /// Adds the content of a datagram that came at a time, seconds. Returns its time in the clock of the scans, if it is one of the sensor.
+    pub(super) fn add(&mut self, packet: &[u8], came: f64) -> Option<f64> {
         let mut buffer = std::mem::take(&mut self.buffer);
         buffer.clear();
-        if self.packets.read(packet, came, &mut buffer) {
+        let is_read = self.packets.read(packet, came, &mut buffer);
+        if is_read {
             self.add_returns(&buffer);
         } else {
             self.counts.damaged += 1;
         }
+        let first = buffer.firings.first().filter(|_| is_read).map(|firing| firing.time);
         self.buffer = buffer;
+        first
     }
 
     fn add_returns(&mut self, packet: &PacketReturns) {

@@ -11,7 +11,7 @@ use voxelastic::motion::ImuSample;
 use voxelastic::sensor::BeamModel;
 
 /// Name of the frame of the clouds.
-pub(super) const FRAME: &str = "os_sensor";
+pub(crate) const FRAME: &str = "os_sensor";
 
 /// A capture that is read front to back.
 #[derive(Debug)]
@@ -61,7 +61,9 @@ impl Capture {
                 return Some(Ok(scan));
             }
             match self.pcap.next() {
-                Some(Ok(datagram)) => self.assembler.add(&datagram.payload),
+                Some(Ok(datagram)) => {
+                    self.assembler.add(&datagram.payload);
+                }
                 Some(Err(error)) => return Some(Err(error)),
                 None => return self.assembler.take_rest().map(Ok),
             }

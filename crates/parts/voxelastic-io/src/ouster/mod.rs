@@ -17,8 +17,10 @@ mod sensor_metadata;
 use crate::Result;
 use crate::capture::Pcap;
 pub use capture::Capture;
+pub(crate) use capture::FRAME;
 pub use metadata_file::find_metadata;
 pub(crate) use packet_stream::PacketStream;
+pub(crate) use scan_assembler::ScanAssembler;
 pub use sensor_metadata::SensorMetadata;
 use std::path::Path;
 

@@ -62,6 +62,12 @@ pub(crate) fn size(metadata: &SensorMetadata) -> usize {
     layout.packet_head + metadata.columns_per_packet * layout.column(metadata.rows()) + layout.packet_tail
 }
 
+/// A packet without the byte that old drivers put behind it in their messages.
+pub(crate) fn trimmed<'a>(metadata: &SensorMetadata, bytes: &'a [u8]) -> &'a [u8] {
+    let is_longer = [IMU_PACKET, size(metadata)].contains(&bytes.len().saturating_sub(1));
+    if is_longer { &bytes[..bytes.len() - 1] } else { bytes }
+}
+
 /// The columns of a packet that were measured; nothing if the packet is of another size.
 pub(crate) fn columns<'a>(metadata: &SensorMetadata, packet: &'a [u8]) -> Vec<Column<'a>> {
     let layout = Layout::of(metadata.profile);

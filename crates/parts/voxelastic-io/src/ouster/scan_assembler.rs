@@ -12,7 +12,7 @@ const NO_COLUMN: u64 = u64::MAX;
 
 /// Collects the packets of a sensor.
 #[derive(Debug)]
-pub(super) struct ScanAssembler {
+pub(crate) struct ScanAssembler {
     pub(super) metadata: SensorMetadata,
     /// The revolution that is being collected.
     current: Option<Revolution>,
@@ -42,40 +42,42 @@ impl Revolution {
 }
 
 impl ScanAssembler {
-    pub(super) fn new(metadata: SensorMetadata) -> Self {
+    pub(crate) fn new(metadata: SensorMetadata) -> Self {
         Self { metadata, current: None, complete: VecDeque::new(), skipped: 0, samples: Vec::new() }
     }
 
     /// The samples of the inertial measurement unit that came since the last call.
-    pub(super) fn take_imu(&mut self) -> Vec<ImuSample> {
+    pub(crate) fn take_imu(&mut self) -> Vec<ImuSample> {
         std::mem::take(&mut self.samples)
     }
 
     /// Datagrams so far that were no packets of this sensor.
-    pub(super) fn skipped(&self) -> usize {
+    pub(crate) fn skipped(&self) -> usize {
         self.skipped
     }
 
     /// The next complete scan.
-    pub(super) fn take_scan(&mut self) -> Option<StampedCloud> {
+    pub(crate) fn take_scan(&mut self) -> Option<StampedCloud> {
         let revolution = self.complete.pop_front()?;
         Some(self.cloud(&revolution))
     }
 
     /// The scan that is being collected, as far as it is there.
-    pub(super) fn take_rest(&mut self) -> Option<StampedCloud> {
+    pub(crate) fn take_rest(&mut self) -> Option<StampedCloud> {
         let revolution = self.current.take()?;
         Some(self.cloud(&revolution))
     }
 
-    /// Adds the content of a datagram.
-    pub(super) fn add(&mut self, payload: &[u8]) {
+    /// Adds the content of a datagram. Returns its time in the sensor's clock, seconds, if it is one of the sensor.
+    pub(crate) fn add(&mut self, payload: &[u8]) -> Option<f64> {
+        let payload = packet::trimmed(&self.metadata, payload);
         if let Some(sample) = packet::imu(payload) {
             self.samples.push(sample);
-            return;
+            return Some(sample.time);
         }
         let columns = packet::columns(&self.metadata, payload);
         self.skipped += usize::from(columns.is_empty());
+        let time = columns.first().map(|column| column.time_ns as f64 * 1e-9);
         for column in columns {
             if self.current.as_ref().is_some_and(|revolution| revolution.frame != column.frame) {
                 self.complete.extend(self.current.take());
@@ -89,6 +91,7 @@ impl ScanAssembler {
                 revolution.reflectivity[pixel] = measured.reflectivity.into();
             }
         }
+        time
     }
 
     /// The points of a revolution, destaggered.

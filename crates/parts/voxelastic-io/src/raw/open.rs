@@ -110,7 +110,7 @@ impl RawScans {
         }
     }
 
-    /// The sensor's own tables of beams, if the data contain them: those of an Ouster capture.
+    /// The sensor's own tables of beams, if the data contain them: those of an Ouster's packets.
     pub fn sensor(&self) -> Option<BeamModel> {
         match &self.input {
             Input::Folder(..) => None,

@@ -31,6 +31,13 @@ pub(crate) struct Message {
     pub(crate) data: Vec<u8>,
 }
 
+impl Message {
+    /// When it was recorded, seconds.
+    pub(crate) fn time(&self) -> f64 {
+        self.time_ns as f64 * 1e-9
+    }
+}
+
 /// What a file's index says, without reading its messages.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Index {

@@ -46,7 +46,9 @@ impl LiveTopics {
     /// [`Error::NoPoses`].
     pub fn choose(origin: &str, there: &[(String, String)], estimates_poses: bool, options: &OpenOptions) -> Result<Self> {
         let path = Path::new(origin);
-        let topics = there.iter().map(|(name, kind)| Topic::new(name.clone(), kind, Encoding::Cdr)).collect();
+        let topics = there.iter().map(|(name, kind)| Topic::new(name.clone(), kind, Encoding::Cdr));
+        // A live sensor's packets are read from the network.
+        let topics = topics.filter(|topic| TopicRole::of(topic) != Some(TopicRole::Packets)).collect();
         let summary = RecordingSummary::of_topics(topics);
         if let [second, ..] = options.more_sensors.as_slice() {
             let problem = format!("one topic of clouds is mapped live, not {} besides", second.topic);
@@ -98,7 +100,7 @@ impl LiveTopics {
 
     /// What is used for what, in a few lines.
     pub fn description(&self) -> String {
-        let StreamTopics { clouds, poses, corrections, imu } = &self.stream;
+        let StreamTopics { clouds, poses, corrections, imu, .. } = &self.stream;
         let mut lines = vec![format!("clouds: {}", clouds.join(", "))];
         lines.push(match poses {
             Some(topic) => format!("poses: {topic}"),

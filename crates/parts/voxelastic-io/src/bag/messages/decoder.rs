@@ -1,10 +1,13 @@
 //! Decoding messages: clouds, poses, transforms.
 
 use super::camera_info::CameraInfo;
+use super::header::{Header, frame, header};
+use super::packets::PacketLayout;
 use super::point_clouds::{livox_cloud, point_cloud2, point_cloud2_fields};
 use super::topic_role::TopicRole;
 use crate::bag::containers::container::{Encoding, Message, Topic};
 use crate::images::RawPixels;
+use crate::ouster::FRAME;
 use crate::ros::MessageReader;
 use crate::stamped_cloud::StampedCloud;
 use crate::{Error, Position, Result};
@@ -13,14 +16,6 @@ use std::borrow::Cow;
 use std::path::Path;
 use voxelastic::Pose;
 use voxelastic::motion::ImuSample;
-
-/// When and in which frame a message was made.
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Header {
-    /// Seconds.
-    pub(crate) time: f64,
-    pub(crate) frame: String,
-}
 
 /// A pose of frame `child` in frame `parent`.
 #[derive(Clone, Debug, PartialEq)]
@@ -46,7 +41,7 @@ impl<'a> MessageDecoder<'a> {
     }
 
     fn error(&self, problem: impl Into<Cow<'static, str>>) -> Error {
-        let problem = format!("message of {} at {:.3} s: {}", self.topic.name, self.message.time_ns as f64 * 1e-9, problem.into());
+        let problem = format!("message of {} at {:.3} s: {}", self.topic.name, self.message.time(), problem.into());
         Error::content(self.path, Position::Byte(self.message.at), problem, "the recording is damaged, or the topic is not of the type it claims")
     }
 
@@ -54,8 +49,11 @@ impl<'a> MessageDecoder<'a> {
         self.error("it ends early")
     }
 
-    /// Time and frame of a message that begins with a header.
+    /// Time and frame of a message that begins with a header. Packets of Ouster's sensors have none: they are in the frame that their driver gives clouds.
     pub(crate) fn header(&self) -> Result<Header> {
+        if PacketLayout::of(&self.topic.kind) == Some(PacketLayout::Bare) {
+            return Ok(Header { time: self.message.time(), frame: FRAME.into() });
+        }
         header(&mut self.cursor()?, self.topic.encoding).ok_or_else(|| self.truncated())
     }
 
@@ -68,14 +66,14 @@ impl<'a> MessageDecoder<'a> {
             TopicRole::Path => list(&mut cursor, self.topic.encoding, true, pose_stamped),
             // A transform is laid out like the first fields of an odometry message.
             TopicRole::Transforms => list(&mut cursor, self.topic.encoding, false, odometry),
-            TopicRole::PointCloud2 | TopicRole::Livox | TopicRole::Imu => Some(Vec::new()),
+            _ => Some(Vec::new()),
         };
         poses.ok_or_else(|| Error::BadPose {
             path: self.path.to_owned(),
             problem: format!(
                 "message of {} at {:.3} s: it ends early, or its pose is not finite, or its quaternion zero",
                 self.topic.name,
-                self.message.time_ns as f64 * 1e-9
+                self.message.time()
             ),
         })
     }
@@ -104,8 +102,24 @@ impl<'a> MessageDecoder<'a> {
         camera_info(&mut cursor, self.topic.encoding).ok_or_else(|| self.truncated())
     }
 
+    /// The packets of a message, each with the time at which it came, seconds.
+    pub(crate) fn packets(&self) -> Result<Vec<(f64, &'a [u8])>> {
+        let mut cursor = self.cursor()?;
+        let packets = PacketLayout::of(&self.topic.kind).and_then(|layout| layout.packets(&mut cursor, self.topic.encoding, self.message.time()));
+        let packets = packets.ok_or_else(|| self.truncated())?;
+        if packets.iter().any(|(came, _)| *came <= 0.0) { Err(self.error("its packets have no time stamps")) } else { Ok(packets) }
+    }
+
+    /// The text of a `std_msgs/String`.
+    pub(crate) fn text(&self) -> Result<String> {
+        self.cursor()?.text().ok_or_else(|| self.truncated())
+    }
+
     /// Names of the fields of a cloud.
     pub(crate) fn cloud_fields(&self, role: TopicRole) -> Result<Vec<String>> {
+        if role == TopicRole::Packets {
+            return Ok(["x", "y", "z", "intensity", "ring", "time"].map(String::from).to_vec());
+        }
         let mut cursor = self.cursor()?;
         header(&mut cursor, self.topic.encoding).ok_or_else(|| self.truncated())?;
         if role == TopicRole::Livox {
@@ -126,19 +140,6 @@ impl<'a> MessageDecoder<'a> {
             other => other,
         })
     }
-}
-
-fn header(cursor: &mut MessageReader<'_>, encoding: Encoding) -> Option<Header> {
-    if encoding == Encoding::Ros1 {
-        cursor.u32()?; // sequence number
-    }
-    let (seconds, nanoseconds) = (cursor.u32()?, cursor.u32()?);
-    Some(Header { time: f64::from(seconds) + f64::from(nanoseconds) * 1e-9, frame: frame(cursor.text()?) })
-}
-
-/// The frame's name without a leading slash.
-fn frame(name: String) -> String {
-    name.strip_prefix('/').map_or_else(|| name.clone(), str::to_owned)
 }
 
 fn odometry(cursor: &mut MessageReader<'_>, encoding: Encoding) -> Option<StampedPose> {

@@ -1,7 +1,8 @@
 //! Images of cameras in a recording: `sensor_msgs/Image` and `CompressedImage`, with `CameraInfo`.
 
 use super::camera_info::CameraInfo;
-use super::decoder::{Header, MessageDecoder};
+use super::decoder::MessageDecoder;
+use super::header::Header;
 use super::topic_role::TopicRole;
 use crate::bag::containers::container::{Container, Encoding, Message, Topic};
 use crate::bag::containers::files;

@@ -1,5 +1,6 @@
 //! Message types that are used.
 
+use super::packets::PacketLayout;
 use crate::bag::containers::container::{Encoding, Topic};
 
 /// What a topic is used for, by its message type.
@@ -19,6 +20,12 @@ pub(crate) enum TopicRole {
     Transforms,
     /// `sensor_msgs/Imu`.
     Imu,
+    /// Packets of a sensor, see [`PacketLayout`].
+    Packets,
+    /// Packets of the inertial unit in an Ouster sensor.
+    ImuPackets,
+    /// What a sensor says about itself: an Ouster's metadata, a RoboSense's packets about the device.
+    SensorInfo,
 }
 
 impl TopicRole {
@@ -34,12 +41,18 @@ impl TopicRole {
             "nav_msgs/Path" => Some(Self::Path),
             "tf2_msgs/TFMessage" | "tf/tfMessage" => Some(Self::Transforms),
             "sensor_msgs/Imu" => Some(Self::Imu),
-            _ => None,
+            "std_msgs/String" if topic.name.ends_with("metadata") => Some(Self::SensorInfo),
+            kind => PacketLayout::of(kind).map(|layout| match layout {
+                PacketLayout::Stamped(_) => Self::SensorInfo,
+                PacketLayout::Bare if topic.name.ends_with("imu_packets") => Self::ImuPackets,
+                _ => Self::Packets,
+            }),
         }
     }
 
+    /// Whether scans are made of its messages.
     pub(crate) fn is_cloud(self) -> bool {
-        matches!(self, Self::PointCloud2 | Self::Livox)
+        matches!(self, Self::PointCloud2 | Self::Livox | Self::Packets)
     }
 
     pub(crate) fn is_poses(self) -> bool {

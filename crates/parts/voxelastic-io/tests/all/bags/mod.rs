@@ -5,6 +5,7 @@ mod drive;
 mod harm;
 mod images;
 mod ouster;
+mod packet_topics;
 mod packets;
 mod robosense;
 mod two_sensors;

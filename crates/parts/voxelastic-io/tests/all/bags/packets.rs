@@ -62,7 +62,7 @@ impl Capture {
 }
 
 /// A Velodyne sensor, as its manual describes it.
-struct Velodyne {
+pub(crate) struct Velodyne {
     product: u8,
     lasers: usize,
     cycle_us: f64,
@@ -74,7 +74,7 @@ struct Velodyne {
     unit: f64,
 }
 
-const VLP_16: Velodyne = Velodyne {
+pub(crate) const VLP_16: Velodyne = Velodyne {
     product: 0x22,
     lasers: 16,
     cycle_us: 55.296,
@@ -130,7 +130,7 @@ impl Velodyne {
     }
 
     /// A capture of the room, of so many turns.
-    fn room(&self, turns: f64, is_dual: bool) -> Capture {
+    pub(crate) fn room(&self, turns: f64, is_dual: bool) -> Capture {
         let packet_us = self.cycle_us * (32 / self.lasers * if is_dual { 6 } else { 12 }) as f64;
         let mut capture = Capture::default();
         for k in 0..(turns * 1e5 / packet_us) as usize {
@@ -153,15 +153,15 @@ impl Velodyne {
 }
 
 /// A Hesai sensor with a head of twelve bytes, or without one.
-struct Hesai {
+pub(crate) struct Hesai {
     channels: usize,
     blocks: usize,
     has_head: bool,
 }
 
-const XT_32: Hesai = Hesai { channels: 32, blocks: 8, has_head: true };
+pub(crate) const XT_32: Hesai = Hesai { channels: 32, blocks: 8, has_head: true };
 const XT_16: Hesai = Hesai { channels: 16, ..XT_32 };
-const PANDAR_40P: Hesai = Hesai { channels: 40, blocks: 10, has_head: false };
+pub(crate) const PANDAR_40P: Hesai = Hesai { channels: 40, blocks: 10, has_head: false };
 
 impl Hesai {
     /// A packet whose last block is fired at `us`. `measure` gives distance and intensity by the direction of the head, degrees, the channel, and whether it is
@@ -197,7 +197,7 @@ impl Hesai {
         bytes
     }
 
-    fn room(&self, turns: f64, mode: u8, angles: fn(usize) -> [f64; 2]) -> Capture {
+    pub(crate) fn room(&self, turns: f64, mode: u8, angles: fn(usize) -> [f64; 2]) -> Capture {
         let packet_us = if self.has_head { 50.0 } else { 55.56 } * (self.blocks / if mode == 0x39 { 2 } else { 1 }) as f64;
         let mut capture = Capture::default();
         for k in 1..(turns * 1e5 / packet_us) as usize {
@@ -215,7 +215,7 @@ impl Hesai {
 }
 
 /// The angles of a Pandar40P as its manual has them: a third of a degree apart from 2 degrees above the horizon to 6 below, rounded to hundredths.
-fn pandar40p(channel: usize) -> [f64; 2] {
+pub(crate) fn pandar40p(channel: usize) -> [f64; 2] {
     const OUTER: [f64; 15] = [15.0, 11.0, 8.0, 5.0, 3.0, -7.0, -8.0, -9.0, -10.0, -11.0, -12.0, -13.0, -14.0, -19.0, -25.0];
     let hundredths = |degrees: f64| (degrees * 100.0).round() / 100.0;
     match channel {
@@ -227,7 +227,7 @@ fn pandar40p(channel: usize) -> [f64; 2] {
 }
 
 /// The angles of a piece, in the order of its channels.
-fn tilted(channel: usize) -> [f64; 2] {
+pub(crate) fn tilted(channel: usize) -> [f64; 2] {
     [15.0 - channel as f64 * 0.97, 0.3 * ((channel % 3) as f64 - 1.0)]
 }
 
@@ -236,14 +236,19 @@ pub(crate) fn table(channels: usize, angles: fn(usize) -> [f64; 2]) -> String {
     format!("Channel,Elevation,Azimuth\n{}", (0..channels).map(line).collect::<String>())
 }
 
-fn scans(path: &Path) -> Vec<raw::TimedScan> {
-    raw::open(path, &OpenOptions::default()).unwrap_or_else(|e| panic!("{e}")).iter().map(|scan| scan.unwrap()).collect()
+pub(crate) fn scans(path: &Path, options: &OpenOptions) -> Vec<raw::TimedScan> {
+    raw::open(path, options).unwrap_or_else(|e| panic!("{e}")).iter().map(|scan| scan.unwrap()).collect()
 }
 
 /// Writes a capture and reads its scans again; checks that all points are on the walls, and that turns are whole, each in its time.
 pub(crate) fn check_room(capture: &Capture, path: &Path, turns: usize, per_turn: usize, off: f64) {
     std::fs::write(path, capture.bytes()).unwrap();
-    let scans = scans(path);
+    check_scans(path, START, turns, per_turn, off);
+}
+
+/// Checks that all points of a recording are on the walls, and that turns are whole, each in its time from a start on.
+pub(crate) fn check_scans(path: &Path, start: f64, turns: usize, per_turn: usize, off: f64) {
+    let scans = scans(path, &OpenOptions::default());
     let name = path.display();
     assert!(scans.len() == turns || scans.len() == turns + 1, "{name}: {} scans", scans.len());
     for (k, scan) in scans.iter().enumerate().take(turns) {
@@ -251,7 +256,7 @@ pub(crate) fn check_room(capture: &Capture, path: &Path, turns: usize, per_turn:
         assert!(worst < off, "{name}, scan {k}: {worst} m off the walls");
         let count = scan.cloud.len();
         assert!(count.abs_diff(per_turn) <= per_turn / 50, "{name}, scan {k}: {count} points");
-        assert!((scan.time - START - 0.1 * k as f64).abs() < 2e-3, "{name}, scan {k}: {}", scan.time - START);
+        assert!((scan.time - start - 0.1 * k as f64).abs() < 2e-3, "{name}, scan {k}: {}", scan.time - start);
         let times = scan.cloud.time.as_ref().unwrap();
         let last = times.iter().copied().fold(0.0, f32::max);
         assert!((0.098..0.101).contains(&last), "{name}: a turn takes {last} s");
@@ -354,7 +359,7 @@ fn velodynes_points_are_those_of_another_decoder() {
             let d = describe(&path, &OpenOptions::default()).unwrap();
             assert!(d.notes[0].contains(&format!("Velodyne {name}, at 192.168.1.201, port 2368")), "{:?}", d.notes);
             let (mut worst, mut seen, mut all) = (0.0f64, 0, 0);
-            for scan in scans(&path) {
+            for scan in scans(&path, &OpenOptions::default()) {
                 let (intensity, ring) = (scan.cloud.intensity.unwrap(), scan.cloud.ring.unwrap());
                 for (k, p) in scan.cloud.points.iter().enumerate() {
                     let p = p.map(f64::from);
@@ -410,7 +415,7 @@ fn hesais_points_are_those_of_another_decoder() {
     }
     let bytes = std::fs::read(&out).unwrap();
     let theirs: Vec<f64> = bytes.as_chunks().0.iter().map(|b| f64::from_le_bytes(*b)).collect();
-    let ours: Vec<[f64; 5]> = scans(&path)
+    let ours: Vec<[f64; 5]> = scans(&path, &OpenOptions::default())
         .into_iter()
         .flat_map(|scan| {
             let (points, intensity, ring) = (scan.cloud.points, scan.cloud.intensity.unwrap(), scan.cloud.ring.unwrap());
@@ -444,7 +449,7 @@ fn what_is_lost_mixed_or_of_another_kind_is_said_and_left_out() {
     let said = d.to_string();
     assert!(said.contains("sensor: Velodyne VLP-16, at 192.168.1.201"), "{said}");
     assert!(said.contains("not read: Velodyne HDL-32E, at 192.168.1.202") && said.contains("not read: Hesai PandarXT-32"), "{said}");
-    let scans = scans(&path);
+    let scans = scans(&path, &OpenOptions::default());
     assert!(scans.iter().flat_map(|scan| &scan.cloud.points).all(|p| off_wall(*p) < 0.006), "no point of another sensor");
     assert!((2..=4).contains(&scans.len()), "{}", scans.len());
 

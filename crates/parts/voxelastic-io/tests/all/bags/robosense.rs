@@ -8,7 +8,7 @@ use voxelastic_io::{OpenOptions, raw};
 
 /// A sensor, as its manual describes it.
 #[derive(Clone, Copy)]
-struct RoboSense {
+pub(crate) struct RoboSense {
     begins: &'static [u8],
     kind: u8,
     lasers: usize,
@@ -34,7 +34,7 @@ const RS_16: RoboSense = RoboSense {
     has_date: true,
     angles: usual_16,
 };
-const RS_32: RoboSense = RoboSense {
+pub(crate) const RS_32: RoboSense = RoboSense {
     kind: 2,
     lasers: 32,
     cycle_us: 55.52,
@@ -142,7 +142,7 @@ impl RoboSense {
     }
 
     /// A capture of the room, of so many turns, with packets about the device or without.
-    fn room(&self, turns: f64, is_dual: bool, has_device: bool) -> Capture {
+    pub(crate) fn room(&self, turns: f64, is_dual: bool, has_device: bool) -> Capture {
         let firings = 12 * 32 / self.lasers / if is_dual { 2 } else { 1 };
         let packet_us = self.cycle_us * firings as f64;
         let mut capture = Capture::default();
