@@ -27,7 +27,7 @@ use commands::measuring::{demo, eval, heldout, simulate};
 use commands::poses::{localize, odometry, optimize};
 use commands::sessions::{changes, merge, remove, repair};
 use commands::space::{esdf, explore, plan, slice};
-use commands::{config as config_command, export, info, live, map, mesh, render, report, view};
+use commands::{check, config as config_command, export, info, live, map, mesh, render, report, view};
 use std::ffi::OsString;
 use tracing_subscriber::filter::Targets;
 use tracing_subscriber::layer::SubscriberExt;

@@ -9,7 +9,7 @@ use std::str::FromStr;
 use voxelastic::Pose;
 use voxelastic::geometry::PoseChange;
 use voxelastic_io::OpenOptions;
-use voxelastic_slam::pose_check::{Mounting, PoseCheck, Reading, Verdict, check};
+use voxelastic_slam::pose_check::{PoseCheck, Reading, Verdict, check};
 
 /// What is done about poses that do not fit the scans.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -38,7 +38,7 @@ impl FromStr for PosesCheck {
 }
 
 /// So many times as many scans are compared where the first ones do not agree.
-const MORE: usize = 3;
+const MORE: usize = 2;
 
 impl Source {
     /// Opens data as [`open`](Self::open) does, looks at some of them, and compares their poses with the scans. What is doubtful is a warning.
@@ -106,10 +106,10 @@ fn remedy_words(found: &PoseCheck, options: &OpenOptions) -> String {
 pub fn pose_problem(found: &PoseCheck) -> String {
     let PoseCheck { pairs, agreeing, .. } = found;
     match &found.verdict {
-        Verdict::AgreeBetter(Mounting { t_base_lidar, .. }) => format!(
+        Verdict::AgreeBetter(offset) => format!(
             "poses and scans agree best with the lidar moved by {:.0} cm and turned by {:.1} degrees on what the poses are of",
-            t_base_lidar.translation.vector.norm() * 100.0,
-            t_base_lidar.rotation.angle().to_degrees(),
+            offset.t_base_lidar.translation.vector.norm() * 100.0,
+            offset.t_base_lidar.rotation.angle().to_degrees(),
         ),
         Verdict::Disagree(Some(reading)) if found.is_rough() => {
             format!(

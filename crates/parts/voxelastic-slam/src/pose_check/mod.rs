@@ -48,7 +48,7 @@ pub enum Verdict {
     /// They agree.
     Agree,
     /// They agree, and agree better if the lidar is mounted a little otherwise than is said.
-    AgreeBetter(Mounting),
+    AgreeBetter(Box<Mounting>),
     /// They do not agree as they are; perhaps under another reading.
     Disagree(Option<Box<Reading>>),
 }
@@ -62,7 +62,7 @@ pub fn check(track: &[(f64, Pose)], has_times: bool, t_base_lidar: Option<&Pose>
     if motions.len() >= LEAST_PAIRS && found.is_rough() {
         let verdict = match readings::find(track, has_times, &said, &motions, true) {
             Some(reading) => Verdict::Disagree(Some(Box::new(reading))),
-            None => offset(&motions).map_or(Verdict::Agree, Verdict::AgreeBetter),
+            None => offset(&motions).map_or(Verdict::Agree, |offset| Verdict::AgreeBetter(Box::new(offset))),
         };
         return PoseCheck { verdict, ..found };
     }

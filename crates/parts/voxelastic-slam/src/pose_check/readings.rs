@@ -21,7 +21,7 @@ const LEAST_AGREEING: f64 = 0.7;
 /// .. and if what is left is this share of what was.
 const MOST_LEFT: f64 = 0.5;
 /// What is left of right poses, at most, in standard deviations.
-const LEAST_LEFT: f64 = 0.8;
+const LEAST_LEFT: f64 = 0.6;
 /// What a further change must gain to be believed, in standard deviations; a shift in time is another word for a shift of rows.
 const PRICE: f64 = 0.1;
 const PRICE_OF_SECONDS: f64 = 0.15;
