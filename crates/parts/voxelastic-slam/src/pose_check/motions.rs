@@ -14,9 +14,11 @@ const RANGES: (f32, f32) = (0.5, 100.0);
 /// Poses are wrong by about this where they are right, metres: how wide the registration looks.
 const SIGMA: f64 = 0.5;
 /// What the surfaces must say for a registration to count: overlap and score.
-const LEAST: (f64, f64) = (0.4, 0.1);
+const LEAST: (f64, f64) = (0.35, 0.04);
 /// Another place than the given one counts if it fits better by this factor.
-const CLEARLY_BETTER: f64 = 1.1;
+const BETTER: f64 = 1.1;
+/// Of places that nobody gave, the best must fit better than the second by this factor.
+const CLEARLY_BETTER: f64 = 1.25;
 /// Poses that disagree by less than this agree: metres and radians for every pair, and shares of the motion on top, as odometry drifts.
 const TOLERANCE: (f64, f64) = (0.15, 0.03);
 const TOLERANCE_SHARE: f64 = 0.06;
@@ -122,8 +124,9 @@ pub(super) fn measure_from_anywhere(first: &CheckScan, second: &CheckScan, track
             }
         }
     }
-    let found = ranked(search(&pair.points, &starts, &pair.levels, &settings)).into_iter().next();
-    let sharp = found.and_then(|found| register(&pair.points, &found.t_map_lidar, &pair.levels, SIGMA, &settings));
+    let found = ranked(search(&pair.points, &starts, &pair.levels, &settings));
+    let is_clear = found.get(1).is_none_or(|second| found[0].score > CLEARLY_BETTER * second.score);
+    let sharp = found.into_iter().next().filter(|_| is_clear).and_then(|found| register(&pair.points, &found.t_map_lidar, &pair.levels, SIGMA, &settings));
     pair.measured(None, sharp)
 }
 
@@ -146,7 +149,7 @@ impl Pair {
     fn measured(&self, from_given: Option<Registration>, other: Option<Registration>) -> Option<Motion> {
         let holds = |r: &Registration| r.degenerate.is_empty() && r.overlap >= LEAST.0 && r.score >= LEAST.1;
         let found = match (from_given, other) {
-            (Some(given), Some(other)) if other.score > CLEARLY_BETTER * given.score => other,
+            (Some(given), Some(other)) if other.score > BETTER * given.score => other,
             (Some(given), _) => given,
             (None, other) => other?,
         };
