@@ -145,7 +145,7 @@ impl Summary {
             "poses on scans",
             match &self.poses {
                 None => "no poses: the odometry estimates them".to_owned(),
-                Some(p) if p.verdict == "undecided" => format!("not known: too few pairs of scans tell how the lidar moved ({})", p.pairs),
+                Some(p) if p.verdict == "undecided" => format!("not known: {} of {} pairs agree that tell how the lidar moved", p.agreeing, p.pairs),
                 Some(p) => format!(
                     "{} of {} pairs agree; {:.1} cm and {:.2} degrees apart in the middle",
                     p.agreeing,

@@ -88,7 +88,9 @@ impl Source {
 fn tell(found: &PoseCheck, options: &OpenOptions, warnings: &mut Warnings) {
     let PoseCheck { pairs, agreeing, .. } = found;
     match &found.verdict {
-        Verdict::Undecided => tracing::info!("poses were not compared with the scans: too few pairs of scans tell how the lidar moved ({pairs})"),
+        Verdict::Undecided => {
+            tracing::info!("whether poses and scans agree is not known: {agreeing} of {pairs} pairs of scans do that tell how the lidar moved")
+        }
         Verdict::Agree => tracing::info!("poses agree with the scans: {agreeing} of {pairs} pairs, {} apart in the middle", apart(found.median)),
         Verdict::AgreeBetter(_) => warnings.add(Code::MountingOff, pose_problem(found), remedy_words(found, options)),
         Verdict::Disagree(_) => warnings.add(Code::PosesDisagree, pose_problem(found), remedy_words(found, options)),

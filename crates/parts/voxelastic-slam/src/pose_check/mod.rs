@@ -20,6 +20,8 @@ use voxelastic::geometry::Pose;
 const LEAST_PAIRS: usize = 3;
 /// The share of pairs that may disagree: people walk by, a registration fails.
 const MOST_DISAGREEING: f64 = 0.25;
+/// Without a reading under which they agree, poses are wrong only if no more than this share of the pairs agrees: elsewhere surfaces that repeat mislead some.
+const LEAST_DISAGREEING: f64 = 0.4;
 /// A sensor that moves less than this between two scans tells nothing: metres, radians.
 const LEAST_MOTION: (f64, f64) = (0.25, 0.05);
 /// Offsets of the lidar's frame are said from this size on, metres and radians ..
@@ -73,6 +75,9 @@ pub fn check(track: &[(f64, Pose)], has_times: bool, t_base_lidar: Option<&Pose>
         return found;
     }
     let reading = readings::find(track, has_times, &said, &motions, false);
+    if reading.is_none() && found.agreeing as f64 > LEAST_DISAGREEING * found.pairs as f64 {
+        return found;
+    }
     PoseCheck { verdict: Verdict::Disagree(reading.map(Box::new)), ..found }
 }
 
@@ -110,9 +115,10 @@ fn middle(values: impl Iterator<Item = f64>) -> f64 {
     values.get(values.len() / 2).copied().unwrap_or(0.0)
 }
 
+/// Whether the sensor moved, and not only by its poses: its own pattern on smooth surfaces looks as if it stood still.
 fn is_telling(motion: &Motion) -> bool {
     let moves = |motion: &Pose| motion.translation.vector.norm() > LEAST_MOTION.0 || motion.rotation.angle() > LEAST_MOTION.1;
-    moves(&motion.given) || moves(&motion.measured)
+    moves(&motion.measured)
 }
 
 /// How far the lidar is from where it is said to be, as far as the motions that agree tell.

@@ -15,6 +15,9 @@ const RANGES: (f32, f32) = (0.5, 100.0);
 const SIGMA: f64 = 0.5;
 /// What the surfaces must say for a registration to count: overlap and score.
 const LEAST: (f64, f64) = (0.35, 0.04);
+/// The same where two starts lead to the same place, and how near that is, metres and radians.
+const LEAST_TWICE: (f64, f64) = (0.2, 0.03);
+const SAME_PLACE: (f64, f64) = (0.05, 0.01);
 /// Another place than the given one counts if it fits better by this factor.
 const BETTER: f64 = 1.1;
 /// Of places that nobody gave, the best must fit better than the second by this factor.
@@ -126,7 +129,8 @@ pub(super) fn measure_from_anywhere(first: &CheckScan, second: &CheckScan, track
     }
     let found = ranked(search(&pair.points, &starts, &pair.levels, &settings));
     let is_clear = found.get(1).is_none_or(|second| found[0].score > CLEARLY_BETTER * second.score);
-    let sharp = found.into_iter().next().filter(|_| is_clear).and_then(|found| register(&pair.points, &found.t_map_lidar, &pair.levels, SIGMA, &settings));
+    let sharp =
+        found.into_iter().next().filter(|_| is_clear).and_then(|found| register(&pair.points, &found.t_map_lidar, &pair.levels, SIGMA, &settings));
     pair.measured(None, sharp)
 }
 
@@ -147,7 +151,10 @@ impl Pair {
 
     /// The motion by the better of two registrations; the one from the given pose if both are about as good.
     fn measured(&self, from_given: Option<Registration>, other: Option<Registration>) -> Option<Motion> {
-        let holds = |r: &Registration| r.degenerate.is_empty() && r.overlap >= LEAST.0 && r.score >= LEAST.1;
+        let is_near = |a: &Pose, b: &Pose| a.translation_distance(b) < SAME_PLACE.0 && a.rotation_distance(b) < SAME_PLACE.1;
+        let is_same = from_given.as_ref().zip(other.as_ref()).is_some_and(|(a, b)| is_near(&a.t_map_lidar, &b.t_map_lidar));
+        let least = if is_same { LEAST_TWICE } else { LEAST };
+        let holds = |r: &Registration| r.degenerate.is_empty() && r.overlap >= least.0 && r.score >= least.1;
         let found = match (from_given, other) {
             (Some(given), Some(other)) if other.score > BETTER * given.score => other,
             (Some(given), _) => given,

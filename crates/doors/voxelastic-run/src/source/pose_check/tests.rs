@@ -126,6 +126,8 @@ fn matrix(is_tried: impl Fn(usize, &Fault) -> bool) {
             let word = match (name, fault.name.ends_with(" s")) {
                 ("hall", true) => "do not fit",
                 ("kitti00-street", true) => continue,
+                // Along a straight road at constant speed the next pose is as good.
+                ("kitti00-seq", _) if fault.name == "one row" => continue,
                 _ => fault.word,
             };
             let folder = folder(&data.join(clouds), &times, &(fault.spoil)(&track), name);
