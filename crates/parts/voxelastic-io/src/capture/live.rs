@@ -201,7 +201,7 @@ mod tests {
 
     /// Packets of a sensor whose walls are `distance` metres away; the last turn is not complete.
     fn packets(from: [u8; 4], start: f64, distance: f64) -> Vec<SensorPacket> {
-        let made = packets::velodyne(start, 2.5, |_| (distance, 9));
+        let made = packets::velodyne(start, 2.8, |_| (distance, 9));
         made.into_iter().map(|(time, payload)| SensorPacket { payload, source: from.into(), time }).collect()
     }
 
@@ -210,7 +210,7 @@ mod tests {
         let errors = sent.into_iter().filter_map(|packet| stream.add(packet).err()).count();
         let distance = |message| match message {
             SensorMessage::Cloud(cloud) => {
-                let cloud = cloud.decode().unwrap().cloud;
+                let cloud = (cloud.decode)().unwrap().cloud;
                 let [x, y, z] = cloud.points[0];
                 Some((x * x + y * y + z * z).sqrt().round())
             }
