@@ -1,4 +1,5 @@
 //! Queries a second on the map of a real hall (6.5 cm): `cargo bench -p voxelastic --bench query`. One thread, processor time.
+#![allow(clippy::print_stderr)]
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use rand::{RngExt, SeedableRng, rngs::StdRng};

@@ -4,6 +4,7 @@
 //! cargo run --release -p voxelastic --example 01_map_a_folder                       # simulates a small room first, makes room.vox
 //! cargo run --release -p voxelastic --example 01_map_a_folder -- DATA map.vox       # your own folder
 //! ```
+#![allow(clippy::print_stderr)]
 
 use std::ops::ControlFlow;
 use std::path::PathBuf;

@@ -1,7 +1,9 @@
 //! Failures of commands: messages and exit codes.
 
 use crate::output;
+use std::borrow::Cow;
 use std::io::{self, Write};
+use voxelastic_report::shown::shown;
 
 /// Success.
 pub const DONE: u8 = 0;
@@ -43,8 +45,13 @@ pub fn report(error: &anyhow::Error) -> u8 {
 
 /// Prints what ended the parsing of the command line, a mistake or a request for help, and returns the exit code.
 pub fn report_usage(end: &clap::Error) -> u8 {
-    // As in clap's own `exit`, a stream that cannot be written is no other error.
-    let _ = end.print();
+    let plain = end.render().to_string();
+    if plain.lines().any(|line| matches!(shown(line), Cow::Owned(_))) {
+        output::message(&plain);
+    } else {
+        // As in clap's own `exit`, a stream that cannot be written is no other error.
+        let _ = end.print();
+    }
     let _ = io::stdout().flush();
     if end.use_stderr() { USAGE } else { DONE }
 }
@@ -57,12 +64,12 @@ pub fn one_line(error: &anyhow::Error) -> String {
 /// `error: ...`, a line for each cause, and the remedy.
 fn describe(error: &anyhow::Error) -> String {
     let messages = voxelastic_run::error::messages(error.as_ref());
-    let mut text = format!("error: {}\n", messages[0]);
+    let mut text = format!("error: {}\n", shown(&messages[0]));
     for cause in &messages[1..] {
-        text.push_str(&format!("  caused by: {cause}\n"));
+        text.push_str(&format!("  caused by: {}\n", shown(cause)));
     }
     if let Some(remedy) = error.chain().filter_map(|e| e.downcast_ref()).find_map(Failure::remedy) {
-        text.push_str(&format!("  remedy: {remedy}\n"));
+        text.push_str(&format!("  remedy: {}\n", shown(remedy)));
     }
     text
 }
@@ -95,6 +102,8 @@ mod tests {
         let inner: anyhow::Result<()> = Err(Failure::new("disk is full", "free some space").into());
         let error = inner.context("cannot save the map").unwrap_err();
         assert_eq!(describe(&error), "error: cannot save the map\n  caused by: disk is full\n  remedy: free some space\n");
+        let hostile = anyhow::anyhow!("a\u{1b}[2J\nerror: b: not there");
+        assert_eq!(describe(&hostile), "error: a\\u{1b}[2J\\nerror: b: not there\n");
         let repeated = anyhow::anyhow!("no such file").context("x.pcd: no such file");
         assert_eq!(describe(&repeated), "error: x.pcd: no such file\n");
         assert_eq!(one_line(&repeated.context("cannot read the scan")), "cannot read the scan: x.pcd: no such file");

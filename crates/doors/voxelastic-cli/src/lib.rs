@@ -6,9 +6,6 @@
 //! assert_eq!(voxelastic_cli::run(["voxelastic", "config", "--wrong"]), 2);
 //! ```
 
-// These macros panic where stderr cannot be written; `output::message` does not.
-#![deny(clippy::print_stderr)]
-
 pub mod allocator;
 mod args;
 mod commands;
@@ -132,8 +129,13 @@ impl Logging {
         let libraries = if self.verbose > 0 { "warn" } else { "off" };
         let from_environment = std::env::var("RUST_LOG").ok().and_then(|text| text.parse::<Targets>().ok());
         let filter = from_environment.unwrap_or_else(|| format!("{libraries},voxelastic={level}").parse().unwrap_or_default());
-        let ansi = std::io::IsTerminal::is_terminal(&std::io::stderr()) && std::env::var_os("NO_COLOR").is_none();
-        let lines = tracing_subscriber::fmt::layer().with_writer(|| progress::LogWriter).with_ansi(ansi).with_target(false).without_time().compact();
+        let has_colours = std::io::IsTerminal::is_terminal(&std::io::stderr()) && std::env::var_os("NO_COLOR").is_none();
+        let lines = tracing_subscriber::fmt::layer()
+            .with_writer(move || progress::LogWriter { has_colours })
+            .with_ansi(false)
+            .with_target(false)
+            .without_time()
+            .compact();
         // A second call within a process keeps what the first one installed.
         let _ = tracing_subscriber::registry().with(filter).with(lines).try_init();
     }

@@ -5,6 +5,7 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::{self, IsTerminal, Write};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
+use voxelastic_report::shown::shown;
 use voxelastic_run::usage;
 
 /// Time between two lines without a terminal.
@@ -104,14 +105,34 @@ fn clock(time: Duration) -> String {
     }
 }
 
-/// Writer for log lines: stderr, with the bar suspended meanwhile. It never fails: a log that cannot be written must not end a run.
+/// The colours of levels, as terminals have them.
+const LEVELS: [(&str, u8); 5] = [("ERROR", 31), ("WARN", 33), ("INFO", 32), ("DEBUG", 34), ("TRACE", 35)];
+
+/// Writer for log lines: stderr, with the bar suspended meanwhile. Names and texts of others in them do nothing to a terminal; the level has a colour if it may have
+/// one. It never fails: a log that cannot be written must not end a run.
 #[derive(Clone, Copy, Debug)]
-pub struct LogWriter;
+pub struct LogWriter {
+    /// Whether the terminal shows colours.
+    pub has_colours: bool,
+}
+
+impl LogWriter {
+    fn line(self, bytes: &[u8]) -> String {
+        let text = String::from_utf8_lossy(bytes);
+        let line = shown(text.strip_suffix('\n').unwrap_or(&text));
+        let level = LEVELS.iter().filter(|_| self.has_colours).find(|(level, _)| line.trim_start().starts_with(level));
+        match level {
+            Some((level, colour)) => line.replacen(level, &format!("\u{1b}[{colour}m{level}\u{1b}[0m"), 1) + "\n",
+            None => line.into_owned() + "\n",
+        }
+    }
+}
 
 impl Write for LogWriter {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         let bar = BAR.lock().unwrap_or_else(PoisonError::into_inner).clone();
-        let write = || io::stderr().write_all(bytes);
+        let line = self.line(bytes);
+        let write = || io::stderr().write_all(line.as_bytes());
         let _ = bar.map_or_else(write, |bar| bar.suspend(write));
         Ok(bytes.len())
     }
@@ -125,6 +146,12 @@ impl Write for LogWriter {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn log_lines_are_text() {
+        let lines = [false, true].map(|has_colours| LogWriter { has_colours }.line(b" WARN a\x1b[2J\n WARN b\n"));
+        assert_eq!(lines, [" WARN a\\u{1b}[2J\\n WARN b\n", " \u{1b}[33mWARN\u{1b}[0m a\\u{1b}[2J\\n WARN b\n"]);
+    }
 
     #[test]
     fn times_are_printed_as_minutes_and_seconds() {

@@ -18,6 +18,7 @@
 //! puts what changed into a [`Scene`](scene::Scene), and never waits for those who look at it.
 
 pub mod feed;
+mod http;
 pub mod node;
 pub mod ouster;
 mod page;

@@ -8,16 +8,16 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicUsize;
 use std::sync::mpsc::sync_channel;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use voxelastic_io::bag::live::LiveScans;
 use voxelastic_io::ouster::SensorMetadata;
 use voxelastic_run::{Error, Input, Result};
 
 /// Datagrams that may wait to be looked at: more than a second of the largest sensor.
 const WAITING: usize = 16_384;
-/// A sensor answers within this time, and with no more than this many bytes.
+/// A sensor has answered within this time, and with no more than this many bytes.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(10);
-const LARGEST_ANSWER: u64 = 16 << 20;
+const LARGEST_ANSWER: usize = 16 << 20;
 
 /// Asks a sensor for its description, over HTTP: `/api/v1/sensor/metadata` (firmware 2.1 and later). `host` is a name or an address, perhaps with a port.
 ///
@@ -27,12 +27,23 @@ pub fn ask_metadata(host: &str) -> io::Result<Vec<u8>> {
     let address = if host.rsplit_once(':').is_some_and(|(_, port)| port.parse::<u16>().is_ok()) { host.to_owned() } else { format!("{host}:80") };
     let address = address.to_socket_addrs()?.next().ok_or_else(|| io::Error::new(io::ErrorKind::NotFound, "the name has no address"))?;
     let mut stream = TcpStream::connect_timeout(&address, ANSWER_TIMEOUT)?;
-    stream.set_read_timeout(Some(ANSWER_TIMEOUT))?;
+    let deadline = Instant::now() + ANSWER_TIMEOUT;
+    stream.set_write_timeout(Some(ANSWER_TIMEOUT))?;
     // Version 1.0: the answer comes in one piece, and ends with the connection.
     stream.write_all(format!("GET /api/v1/sensor/metadata HTTP/1.0\r\nHost: {host}\r\n\r\n").as_bytes())?;
-    let mut answer = Vec::new();
-    stream.take(LARGEST_ANSWER).read_to_end(&mut answer)?;
     let wrong = |what: String| io::Error::new(io::ErrorKind::InvalidData, what);
+    let (mut answer, mut part) = (Vec::new(), vec![0; 1 << 16]);
+    loop {
+        let left = deadline.saturating_duration_since(Instant::now());
+        if left.is_zero() || answer.len() > LARGEST_ANSWER {
+            return Err(wrong("its answer does not end".into()));
+        }
+        stream.set_read_timeout(Some(left))?;
+        match stream.read(&mut part)? {
+            0 => break,
+            length => answer.extend(&part[..length]),
+        }
+    }
     let head = answer.windows(4).position(|bytes| bytes == b"\r\n\r\n").ok_or_else(|| wrong("it does not answer like an HTTP server".into()))?;
     let body = answer.split_off(head + 4);
     let status = String::from_utf8_lossy(&answer).lines().next().unwrap_or_default().to_owned();
@@ -143,19 +154,23 @@ mod tests {
     fn a_sensor_is_asked_for_its_description() {
         let server = TcpListener::bind("127.0.0.1:0").unwrap();
         let address = server.local_addr().unwrap().to_string();
-        let answers = ["HTTP/1.1 200 OK\r\nContent-Type: application/json\r\n\r\n{\"a\":1}", "HTTP/1.1 404 Not Found\r\n\r\nno", "garbage"];
+        let endless = "x".repeat(LARGEST_ANSWER + 1);
+        let answers = ["HTTP/1.1 200 OK\r\nContent-Type: application/json\r\n\r\n{\"a\":1}", "HTTP/1.1 404 Not Found\r\n\r\nno", "garbage", &endless]
+            .map(str::to_owned);
         let thread = std::thread::spawn(move || {
             for answer in answers {
                 let (mut stream, _) = server.accept().unwrap();
                 let mut request = [0; 200];
                 let length = stream.read(&mut request).unwrap();
                 assert!(request[..length].starts_with(b"GET /api/v1/sensor/metadata HTTP/1.0\r\nHost: 127.0.0.1"));
-                stream.write_all(answer.as_bytes()).unwrap();
+                // Who has had enough of it closes.
+                let _ = stream.write_all(answer.as_bytes());
             }
         });
         assert_eq!(ask_metadata(&address).unwrap(), b"{\"a\":1}");
         assert!(ask_metadata(&address).unwrap_err().to_string().contains("404"));
         assert!(ask_metadata(&address).unwrap_err().to_string().contains("HTTP"));
+        assert!(ask_metadata(&address).unwrap_err().to_string().contains("does not end"));
         thread.join().unwrap();
         assert!(ask_metadata(&address).is_err());
     }

@@ -15,7 +15,7 @@ use voxelastic_run::{Error, Input, Result};
 /// Datagrams that may wait to be looked at: more than a second of the sensors with the most.
 const WAITING: usize = 16_384;
 
-/// A sensor whose packets come to this machine. The first packet that is recognised says which it is.
+/// A sensor whose packets come to this machine. Some packets that belong together say which it is.
 pub struct SpinningInput {
     scans: LiveScans,
     socket: Option<Listener>,
@@ -24,8 +24,8 @@ pub struct SpinningInput {
 }
 
 impl SpinningInput {
-    /// Listens at `address` for packets of a sensor. With `from`, packets of other machines are ignored; without, those of others than the first that is
-    /// recognised. `angles` is a table of the angles of a Hesai or a RoboSense.
+    /// Listens at `address` for packets of a sensor. With `from`, packets of other machines are ignored; without, those of others than the sensor that was
+    /// recognised, until it is silent. `angles` is a table of the angles of a Hesai or a RoboSense.
     ///
     /// # Errors
     /// When the port is taken.

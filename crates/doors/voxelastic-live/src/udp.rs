@@ -13,6 +13,8 @@ use voxelastic_slam::slam::RawScan;
 
 /// The largest datagram.
 const LARGEST: usize = 1 << 16;
+/// Others whose datagrams are ignored are spoken of, up to so many.
+const SPOKEN_OF: usize = 8;
 /// How often a thread that waits for datagrams looks whether to end.
 const LOOK: Duration = Duration::from_millis(50);
 
@@ -37,10 +39,14 @@ impl Listener {
         let (address, is_over) = (socket.local_addr()?, Arc::<AtomicBool>::default());
         let over = Arc::clone(&is_over);
         let task = move || {
-            let mut buffer = vec![0; LARGEST];
+            let (mut buffer, mut others) = (vec![0; LARGEST], Vec::new());
             while !over.load(Ordering::Relaxed) {
                 let Ok((length, source)) = socket.recv_from(&mut buffer) else { continue };
-                if from.is_some_and(|from| source.ip() != from) {
+                if let Some(from) = from.filter(|from| source.ip() != *from) {
+                    if others.len() < SPOKEN_OF && !others.contains(&source.ip()) {
+                        tracing::warn!("packets from {} are ignored: only those of {from} are taken", source.ip());
+                        others.push(source.ip());
+                    }
                     continue;
                 }
                 if let Err(TrySendError::Full(_)) = sender.try_send(received(buffer[..length].to_vec(), source.ip())) {

@@ -7,27 +7,27 @@
 //! | `/health` | the figures of the node, as JSON |
 //! | `POST /save`, `/mesh`, `/pause`, `/resume`, `/reset`, `/load` with the path of a map, `/explore`, `/explore/pause`, `/explore/home` | what [`Request`] says, for those who send the token: `Authorization: Bearer TOKEN` |
 //!
-//! It serves what is in a [`Scene`]. Without a token it changes nothing. Requests of other sites' pages are refused: the page of a stranger must not read the map by way of
-//! the browser.
+//! It serves what is in a [`Scene`], to those whom [`HttpServer`] lets in. Without a token it changes nothing.
 
+use crate::http::{HttpServer, Place};
 use crate::page;
 use crate::ros::services::{Request, RequestSender, Response as Answered};
 use crate::scene::{Have, Scene, Thing};
 use crate::wire;
-use axum::Router;
-use axum::body::Bytes;
+use axum::body::{Body, to_bytes};
 use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade};
-use axum::extract::{DefaultBodyLimit, Query, State};
+use axum::extract::{Query, State};
 use axum::http::{HeaderMap, StatusCode, Uri, header};
 use axum::response::{Html, IntoResponse, Response};
 use axum::routing::{get, post};
+use axum::{Extension, Router};
 use std::collections::HashMap;
+use std::hash::{BuildHasher, RandomState};
 use std::io;
-use std::net::{IpAddr, SocketAddr, TcpListener};
+use std::net::SocketAddr;
 use std::sync::Arc;
-use std::thread::JoinHandle;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
-use tokio::sync::{Semaphore, oneshot};
+use tokio::sync::Semaphore;
 
 /// Most viewers at a time.
 const VIEWERS: usize = 32;
@@ -37,16 +37,13 @@ const BATCH: usize = 256 << 10;
 const STALL: Duration = Duration::from_secs(30);
 /// Shorter tokens could be guessed.
 const SHORTEST_TOKEN: usize = 16;
-/// A viewer has nothing to say.
+/// A viewer has nothing to say; who controls the node says it within this time.
 const LARGEST_REQUEST: usize = 4096;
+const REQUEST_TIME: Duration = Duration::from_secs(5);
 
 /// A server on a thread of its own; it ends when this is dropped.
 #[derive(Debug)]
-pub struct Viewer {
-    address: SocketAddr,
-    stop: Option<oneshot::Sender<()>>,
-    thread: Option<JoinHandle<()>>,
-}
+pub struct Viewer(HttpServer);
 
 /// What requests are answered from.
 #[derive(Clone)]
@@ -55,7 +52,6 @@ struct Site {
     page: Arc<str>,
     session: u64,
     viewers: Arc<Semaphore>,
-    is_local: bool,
     control: Option<Arc<Control>>,
 }
 
@@ -82,73 +78,54 @@ impl Control {
 }
 
 impl Viewer {
-    /// Serves `scene` at `address`, with port 0 at one that is free, on a page with a title. With `control`, the node can be controlled there.
+    /// Serves `scene` at `address`, with port 0 at one that is free, on a page with a title; also to pages of `origins`. With `control`, the node can be controlled there.
     ///
     /// # Errors
     /// When the address is taken or not of this machine, or the system has no thread.
-    pub fn start(scene: Arc<Scene>, title: &str, address: SocketAddr, control: Option<Control>) -> io::Result<Self> {
-        let listener = TcpListener::bind(address)?;
-        listener.set_nonblocking(true)?;
-        let address = listener.local_addr()?;
+    pub fn start(scene: Arc<Scene>, title: &str, address: SocketAddr, origins: Vec<String>, control: Option<Control>) -> io::Result<Self> {
         let session = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_nanos() as u64);
         let viewers = Arc::new(Semaphore::new(VIEWERS));
-        let site =
-            Site { scene, page: page::html(title).into(), session, viewers, is_local: address.ip().is_loopback(), control: control.map(Arc::new) };
-        let runtime = tokio::runtime::Builder::new_current_thread().enable_io().enable_time().build()?;
-        let (stop, stopped) = oneshot::channel();
-        let thread = std::thread::Builder::new().name("viewer".to_owned()).spawn(move || {
-            runtime.block_on(async {
-                tokio::select! {
-                    () = serve(listener, site) => {}
-                    _ = stopped => {}
-                }
-            });
-        })?;
-        Ok(Self { address, stop: Some(stop), thread: Some(thread) })
+        let site = Site { scene, page: page::html(title).into(), session, viewers, control: control.map(Arc::new) };
+        let routes = Router::new().route("/", get(page_of)).route("/socket", get(socket)).route("/health", get(health));
+        let requests = ["/save", "/mesh", "/pause", "/resume", "/reset", "/load", "/explore", "/explore/pause", "/explore/home"];
+        let routes = requests.into_iter().fold(routes, |routes, path| routes.route(path, post(self::control)));
+        HttpServer::start("viewer", address, origins, routes.with_state(site)).map(Self)
     }
 
     /// Where it is.
     pub fn address(&self) -> SocketAddr {
-        self.address
+        self.0.address()
     }
 }
 
-impl Drop for Viewer {
-    fn drop(&mut self) {
-        drop(self.stop.take());
-        if let Some(thread) = self.thread.take() {
-            let _ = thread.join();
-        }
-    }
+/// The page. Its own scripts are those with a word that nobody can know before, so that nothing else in it is ever run.
+async fn page_of(State(site): State<Site>) -> Response {
+    let nonce = format!("{:016x}{:016x}", RandomState::new().hash_one(0), RandomState::new().hash_one(1));
+    let policy = format!(
+        "default-src 'none'; script-src 'nonce-{nonce}'; style-src 'unsafe-inline'; img-src data:; connect-src 'self'; base-uri 'none'; form-action 'none'; \
+         frame-ancestors 'none'"
+    );
+    let page = site.page.replacen("<script>", &format!("<script nonce=\"{nonce}\">"), 1);
+    ([(header::CONTENT_SECURITY_POLICY, policy)], Html(page)).into_response()
 }
 
-async fn serve(listener: TcpListener, site: Site) {
-    let Ok(listener) = tokio::net::TcpListener::from_std(listener) else { return };
-    let routes = Router::new().route("/", get(page_of)).route("/socket", get(socket)).route("/health", get(health));
-    let requests = ["/save", "/mesh", "/pause", "/resume", "/reset", "/load", "/explore", "/explore/pause", "/explore/home"];
-    let routes = requests.into_iter().fold(routes, |routes, path| routes.route(path, post(control)));
-    let routes = routes.layer(DefaultBodyLimit::max(LARGEST_REQUEST)).with_state(site);
-    // It ends with the runtime only.
-    let _ = axum::serve(listener, routes).await;
-}
-
-async fn page_of(State(site): State<Site>, headers: HeaderMap) -> Response {
-    if !site.allows(&headers) {
-        return refused();
-    }
-    Html(site.page.to_string()).into_response()
-}
-
-async fn health(State(site): State<Site>, headers: HeaderMap) -> Response {
-    if !site.allows(&headers) {
-        return refused();
-    }
+async fn health(State(site): State<Site>) -> Response {
     let figures = site.scene.latest(Thing::Statistics).map(|message| message.slice(wire::HEAD..));
     ([(header::CONTENT_TYPE, "application/json")], figures.unwrap_or_else(|| "{}".into())).into_response()
 }
 
 /// Asks the node for what the path says.
-async fn control(State(site): State<Site>, headers: HeaderMap, uri: Uri, body: Bytes) -> Response {
+async fn control(State(site): State<Site>, headers: HeaderMap, uri: Uri, body: Body) -> Response {
+    let Some(control) = site.control.clone() else {
+        return (StatusCode::FORBIDDEN, "this node is not controlled over HTTP: start it with a token\n").into_response();
+    };
+    if !control.allows(&headers) {
+        return (StatusCode::UNAUTHORIZED, "send the token: Authorization: Bearer TOKEN\n").into_response();
+    }
+    let Ok(body) = tokio::time::timeout(REQUEST_TIME, to_bytes(body, LARGEST_REQUEST)).await else {
+        return (StatusCode::REQUEST_TIMEOUT, "the request does not end\n").into_response();
+    };
+    let Ok(body) = body else { return (StatusCode::PAYLOAD_TOO_LARGE, "the request is too long\n").into_response() };
     let request = match uri.path() {
         "/save" => Request::Save,
         "/mesh" => Request::Mesh,
@@ -160,15 +137,6 @@ async fn control(State(site): State<Site>, headers: HeaderMap, uri: Uri, body: B
         "/load" => Request::Load(String::from_utf8_lossy(&body).trim().into()),
         _ => Request::Reset,
     };
-    if !site.allows(&headers) {
-        return refused();
-    }
-    let Some(control) = site.control.clone() else {
-        return (StatusCode::FORBIDDEN, "this node is not controlled over HTTP: start it with a token\n").into_response();
-    };
-    if !control.allows(&headers) {
-        return (StatusCode::UNAUTHORIZED, "send the token: Authorization: Bearer TOKEN\n").into_response();
-    }
     match tokio::task::spawn_blocking(move || control.requests.ask(request)).await {
         Ok(Some(Answered::Done(Ok(words)) | Answered::Loaded(Ok(words)))) => (StatusCode::OK, words + "\n").into_response(),
         Ok(Some(Answered::Done(Err(words)) | Answered::Loaded(Err((_, words))))) => (StatusCode::CONFLICT, words + "\n").into_response(),
@@ -176,10 +144,12 @@ async fn control(State(site): State<Site>, headers: HeaderMap, uri: Uri, body: B
     }
 }
 
-async fn socket(State(site): State<Site>, headers: HeaderMap, Query(had): Query<HashMap<String, String>>, upgrade: WebSocketUpgrade) -> Response {
-    if !site.allows(&headers) {
-        return refused();
-    }
+async fn socket(
+    State(site): State<Site>,
+    Extension(place): Extension<Place>,
+    Query(had): Query<HashMap<String, String>>,
+    upgrade: WebSocketUpgrade,
+) -> Response {
     let Ok(permit) = Arc::clone(&site.viewers).try_acquire_owned() else {
         return (StatusCode::SERVICE_UNAVAILABLE, format!("{VIEWERS} viewers are attached already; close one\n")).into_response();
     };
@@ -190,7 +160,7 @@ async fn socket(State(site): State<Site>, headers: HeaderMap, Query(had): Query<
     upgrade.on_upgrade(move |socket| async move {
         // An error is a viewer that has gone.
         let _ = show(socket, &site, have, resumed).await;
-        drop(permit);
+        drop((permit, place));
     })
 }
 
@@ -221,32 +191,15 @@ async fn show(mut socket: WebSocket, site: &Site, mut have: Have, resumed: bool)
     }
 }
 
-async fn send(socket: &mut WebSocket, message: Message) -> Result<(), axum::Error> {
+/// Sends a message; a client that does not take it in time is dropped.
+pub(crate) async fn send(socket: &mut WebSocket, message: Message) -> Result<(), axum::Error> {
     match tokio::time::timeout(STALL, socket.send(message)).await {
         Ok(sent) => sent,
-        Err(stalled) => Err(axum::Error::new(stalled)),
+        Err(stalled) => {
+            tracing::warn!("a client took nothing for {} s: its connection is closed", STALL.as_secs());
+            Err(axum::Error::new(stalled))
+        }
     }
-}
-
-impl Site {
-    /// Whether a request comes from this page or from no page. A local server is asked for by a local name: another one may be a stranger's that was made
-    /// to lead here.
-    fn allows(&self, headers: &HeaderMap) -> bool {
-        let text = |name: header::HeaderName| headers.get(name).map(|value| value.to_str().unwrap_or_default());
-        let host = text(header::HOST).unwrap_or_default();
-        let is_own = text(header::ORIGIN).is_none_or(|origin| origin.strip_prefix("http://") == Some(host));
-        is_own && (!self.is_local || is_local(host))
-    }
-}
-
-/// Whether a host, perhaps with a port, is an address or `localhost`.
-fn is_local(host: &str) -> bool {
-    let name = host.rsplit_once(':').filter(|(_, port)| port.parse::<u16>().is_ok()).map_or(host, |(name, _)| name);
-    name == "localhost" || name.trim_start_matches('[').trim_end_matches(']').parse::<IpAddr>().is_ok()
-}
-
-fn refused() -> Response {
-    (StatusCode::FORBIDDEN, "this map is shown to pages of its own server only\n").into_response()
 }
 
 #[cfg(test)]
@@ -258,7 +211,7 @@ mod tests {
 
     fn viewer() -> (Arc<Scene>, Viewer) {
         let scene = Arc::new(Scene::default());
-        let viewer = Viewer::start(Arc::clone(&scene), "a map", ([127, 0, 0, 1], 0).into(), None).unwrap();
+        let viewer = Viewer::start(Arc::clone(&scene), "a map", ([127, 0, 0, 1], 0).into(), Vec::new(), None).unwrap();
         (scene, viewer)
     }
 
@@ -288,7 +241,10 @@ mod tests {
     fn strangers_are_refused() {
         let (scene, viewer) = viewer();
         scene.put([(Thing::Statistics, wire::statistics("{\"scans\":3}"))]);
-        assert!(asked(&viewer, "/", "Host: localhost:1").contains("<title>a map"));
+        let page = asked(&viewer, "/", "Host: localhost:1");
+        let nonce = page.split_once("script-src 'nonce-").and_then(|(_, rest)| rest.split_once('\'')).unwrap().0;
+        assert!(page.contains("<title>a map") && page.contains(&format!("<script nonce=\"{nonce}\">")) && !page.contains("<script>"), "{page}");
+        assert!(!asked(&viewer, "/", "Host: localhost:1").contains(nonce), "a word that can be known before");
         assert!(asked(&viewer, "/health", "Host: 127.0.0.1").ends_with("{\"scans\":3}"));
         assert!(asked(&viewer, "/", "Host: evil.example").starts_with("HTTP/1.1 403"));
         assert!(asked(&viewer, "/health", "Host: [::1]:80\r\nOrigin: http://evil.example").starts_with("HTTP/1.1 403"));
@@ -355,7 +311,7 @@ mod tests {
                 && Control::new(RequestSender::new(sender.clone()), "sixteen or more but spaces").is_none()
         );
         let control = Control::new(RequestSender::new(sender), token);
-        let viewer = Viewer::start(Arc::default(), "a map", ([127, 0, 0, 1], 0).into(), control).unwrap();
+        let viewer = Viewer::start(Arc::default(), "a map", ([127, 0, 0, 1], 0).into(), Vec::new(), control).unwrap();
         let node = std::thread::spawn(move || {
             let pending: crate::ros::services::Pending = requests.recv().unwrap();
             assert_eq!(pending.request, Request::Pause(true));

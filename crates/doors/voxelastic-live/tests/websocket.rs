@@ -18,7 +18,7 @@ use voxelastic_testing::PATIENCE;
 const ROUNDS: usize = 400;
 /// What the process may grow by, bytes: what is sent to it is a hundred times as much.
 const MOST_GROWTH: usize = 24 << 20;
-/// Of a message that does not end, each of 131 kB. The viewer's server takes no more than 4 kB, Foxglove's library no more than 64 MB.
+/// Of a message that does not end, each of 131 kB. The servers take no more than 4 kB and 64 kB.
 const PARTS: usize = 800;
 const TOKEN: &str = "correct-horse-battery";
 
@@ -192,7 +192,7 @@ fn the_viewers_server_answers_or_closes() {
     let scene = Arc::new(Scene::default());
     scene.put([(Thing::Statistics, wire::statistics("{\"scans\":3}"))]);
     scene.put((0..20).map(|x| (Thing::Tile([x, 0, 0]), vec![1; 10_000])));
-    let viewer = Viewer::start(Arc::clone(&scene), "a map", ([127, 0, 0, 1], 0).into(), control).unwrap();
+    let viewer = Viewer::start(Arc::clone(&scene), "a map", ([127, 0, 0, 1], 0).into(), Vec::new(), control).unwrap();
     let (address, mut random) = (viewer.address(), Random(1));
     // What is allocated once is there before it is measured.
     assault(address, "/socket", "", &mut random);
@@ -256,13 +256,13 @@ fn the_foxglove_server_answers_or_closes() {
     use voxelastic_live::ros::foxglove::FoxgloveServer;
     use voxelastic_live::ros::middleware::{Delivery, TopicProfile};
     let _alone = alone();
-    let server = FoxgloveServer::start("voxelastic", ([127, 0, 0, 1], 0).into()).unwrap();
+    let server = FoxgloveServer::start("voxelastic", ([127, 0, 0, 1], 0).into(), Vec::new()).unwrap();
     let profile = TopicProfile { name: "/path".into(), kind: "nav_msgs/msg/Path".into(), delivery: Delivery::Latched, depth: 1 };
     let mut sink = server.advertise(&profile).unwrap();
     sink.publish(&[0, 1, 0, 0, 5, 0, 0, 0]).unwrap();
     let protocol = "Sec-WebSocket-Protocol: foxglove.sdk.v1\r\n";
     let mut random = Random(2);
-    // The library takes messages of up to 64 MB, and the allocator keeps some of their memory: what is not given back at all grows with each assault.
+    // What is not given back at all grows with each assault.
     let mut used = Vec::new();
     let settles = (0..6).any(|_| {
         assault(server.address(), "/", protocol, &mut random);

@@ -14,6 +14,7 @@ use voxelastic::motion::ImuSample;
 use voxelastic::sensor::BeamModel;
 use voxelastic_io::{OpenOptions, PoseKind, SensorFolder, SensorTopic};
 use voxelastic_run::poses::OdometrySetup;
+use voxelastic_run::precision::{LARGEST_VEHICLE, near};
 use voxelastic_run::{Input, Inputs, Source, Warnings};
 use voxelastic_slam::slam::RawScan;
 
@@ -76,7 +77,9 @@ impl Dataset {
         poses_check: &str,
     ) -> PyResult<(Self, Vec<(String, String)>)> {
         let poses_check = poses_check.parse().map_err(|e: String| PyValueError::new_err(format!("poses_check: {e}")))?;
-        let lidars = t_base_lidar.iter().map(arrays::pose).collect::<PyResult<Vec<_>>>()?;
+        let mount = |words: String| PyValueError::new_err(format!("t_base_lidar {words}"));
+        let lidar = |numbers| near(arrays::pose(numbers)?, LARGEST_VEHICLE).map_err(mount);
+        let lidars = t_base_lidar.iter().map(lidar).collect::<PyResult<Vec<_>>>()?;
         let further = |(k, topic): (usize, &String)| SensorTopic { topic: topic.clone(), t_base_lidar: lidars.get(k).copied() };
         let options = OpenOptions {
             poses,

@@ -1,4 +1,5 @@
 //! Our distances, alignments and trajectory errors against Open3D, small_gicp and evo. Skipped, with a word, where those are not installed.
+#![allow(clippy::print_stderr)]
 
 mod support;
 

@@ -14,17 +14,19 @@
 
 #[doc(hidden)]
 pub mod failpoint;
+mod last_read;
+mod patience;
+mod scratch;
+mod temporaries;
 
-use std::collections::HashSet;
-use std::ffi::{OsStr, OsString};
+pub use last_read::{last_read, note_read};
+pub use patience::patiently;
+pub use scratch::Scratch;
+
 use std::fs::{self, File};
 use std::io::{self, BufWriter};
 use std::path::{Path, PathBuf};
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicU64, Ordering};
-
-/// What the names of temporaries end with: nobody else's files do.
-const ENDING: &str = ".voxelastic.tmp";
+use temporaries::{folder_of, remove_litter_once, temporary_name};
 
 /// Writes the file at `path` through `fill`, so that it appears under its name complete or not at all. The folder must be there. A link
 /// stays, and the file that it leads to is replaced. What is no file (`/dev/stdout`, a pipe) is written to as it is.
@@ -41,14 +43,10 @@ pub fn write<T>(path: &Path, fill: impl FnOnce(&mut BufWriter<File>) -> io::Resu
         Ok(_) => fs::canonicalize(path)?,
         Err(_) => path.to_owned(),
     };
-    let name = path.file_name().ok_or_else(|| io::Error::other("it names no file"))?;
-    let folder = match path.parent() {
-        Some(folder) if !folder.as_os_str().is_empty() => folder,
-        _ => Path::new("."),
-    };
-    remove_litter_once(folder);
+    path.file_name().ok_or_else(|| io::Error::other("it names no file"))?;
+    remove_litter_once(folder_of(&path));
     failpoint::check("create", &path)?;
-    let (temporary, file) = temporary(&path, name)?;
+    let (temporary, file) = temporary(&path)?;
     let written = fill_up(file, fill).and_then(|(value, file)| {
         failpoint::check("write", &path).inspect_err(|_| drop(file.metadata().and_then(|m| file.set_len(m.len() / 2))))?;
         // Elsewhere an open file cannot be renamed. Here it stays open, and with that locked, until it has its name.
@@ -71,15 +69,10 @@ fn fill_up<T>(file: File, fill: impl FnOnce(&mut BufWriter<File>) -> io::Result<
 }
 
 /// A new file beside `path`, locked as long as it is open. It is never one that exists, so it cannot be a link that leads elsewhere.
-fn temporary(path: &Path, name: &OsStr) -> io::Result<(PathBuf, File)> {
-    static COUNTER: AtomicU64 = AtomicU64::new(0);
+fn temporary(path: &Path) -> io::Result<(PathBuf, File)> {
     loop {
-        let number = COUNTER.fetch_add(1, Ordering::Relaxed);
-        let mut own = OsString::from(".");
-        own.push(name);
-        own.push(format!(".{}-{number}{ENDING}", std::process::id()));
-        let temporary = path.with_file_name(own);
-        match File::create_new(&temporary) {
+        let temporary = temporary_name(path);
+        match patiently(|| File::create_new(&temporary)) {
             // What a killed program left that had our process number.
             Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
             Err(error) => return Err(error),
@@ -90,35 +83,6 @@ fn temporary(path: &Path, name: &OsStr) -> io::Result<(PathBuf, File)> {
                 _ if fs::symlink_metadata(&temporary).is_ok() => return Ok((temporary, file)),
                 _ => {}
             },
-        }
-    }
-}
-
-/// Removes what killed programs left in `folder`, once in each folder that this program writes to.
-fn remove_litter_once(folder: &Path) {
-    static SEEN: Mutex<Option<HashSet<PathBuf>>> = Mutex::new(None);
-    let whole = fs::canonicalize(folder).unwrap_or_else(|_| folder.to_owned());
-    let is_new = SEEN.lock().is_ok_and(|mut seen| seen.get_or_insert_default().insert(whole));
-    if is_new {
-        remove_litter(folder);
-    }
-}
-
-/// Removes temporaries that no program has open.
-fn remove_litter(folder: &Path) {
-    let Ok(entries) = fs::read_dir(folder) else { return };
-    for entry in entries.flatten() {
-        let name = entry.file_name();
-        let ours = name.to_str().is_some_and(|name| name.starts_with('.') && name.ends_with(ENDING));
-        if !ours || !entry.file_type().is_ok_and(|kind| kind.is_file()) {
-            continue;
-        }
-        let path = entry.path();
-        if let Ok(file) = File::open(&path)
-            && file.try_lock().is_ok()
-        {
-            // One that may not be removed only takes space. The lock is held until it is gone.
-            let _ = fs::remove_file(&path);
         }
     }
 }
@@ -165,6 +129,14 @@ mod tests {
         open.try_lock().unwrap();
         write(&dir.path().join("d.ply"), |w| w.write_all(b"x")).unwrap();
         assert_eq!(names(dir.path()), [".b.ply.1-1.voxelastic.tmp", ".c.tmp", "d.ply"]);
+    }
+
+    #[test]
+    fn names_may_be_as_long_as_the_file_system_allows() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("n".repeat(255));
+        write(&path, |w| w.write_all(b"x")).unwrap();
+        assert_eq!(names(dir.path()), ["n".repeat(255)]);
     }
 
     #[cfg(unix)]

@@ -12,7 +12,8 @@ pub(crate) fn read(path: &Path) -> Result<Vec<u8>> {
         let kind = if meta.is_dir() { "it is a folder" } else { "it is not a regular file" };
         return Err(Error::io(path, "read", io::Error::other(kind)));
     }
-    fs::read(path).map_err(|e| Error::io(path, "read", e))
+    voxelastic_files::note_read(path);
+    voxelastic_files::patiently(|| fs::read(path)).map_err(|e| Error::io(path, "read", e))
 }
 
 /// Writes a file so that it appears under its name complete or not at all ([`voxelastic_files::write`]). Missing parent folders are created.

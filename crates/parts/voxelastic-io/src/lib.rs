@@ -105,6 +105,7 @@ pub mod store;
 pub mod survey;
 mod text;
 pub mod tiles;
+mod unpacking;
 
 pub use clouds::CloudFormat;
 pub use dataset::Dataset;

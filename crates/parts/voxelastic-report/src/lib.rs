@@ -30,6 +30,7 @@ mod packed_surface;
 mod page;
 mod run_log;
 pub mod scripts;
+pub mod shown;
 mod split;
 pub mod surface;
 pub mod tiles_page;

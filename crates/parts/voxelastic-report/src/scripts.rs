@@ -3,6 +3,7 @@
 //! The scripts read their data from an element `data` with JSON, at least `ramps`, and expect elements `canvas`, `panel`, `stage` and `theme`. They go into
 //! one function, in the order in which they are listed here, before those of the page itself, which define `COLOURS`.
 
+use crate::shown::shown;
 use std::collections::BTreeMap;
 use voxelastic_eval::colour::{Ramp, Rgb};
 
@@ -52,9 +53,9 @@ pub fn filled(template: &str, values: &[(&str, &str)]) -> String {
     page
 }
 
-/// Text escaped for HTML.
+/// Text escaped for HTML, in which nothing acts.
 pub fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+    shown(text).replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
 /// JSON escaped so that it contains no `</script>` or `<!--`.

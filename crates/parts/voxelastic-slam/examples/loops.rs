@@ -6,7 +6,7 @@
 //! ```
 //! The folder must hold the odometry's trajectory, a g2o graph with loop edges, and ground truth. `trace` prints submaps and memory after
 //! every 50 scans of the elastic run, and the time that each scan took. Settings as for `voxelastic map`.
-#![allow(clippy::print_stdout)]
+#![allow(clippy::print_stdout, clippy::print_stderr)]
 
 use std::collections::HashMap;
 use std::error::Error;

@@ -1,6 +1,6 @@
 //! Prints the arrows between crates and between the rooms of the crate `voxelastic`, with the number of references, and the cycles between files.
 
-#![allow(clippy::print_stdout)]
+#![allow(clippy::print_stdout, clippy::print_stderr)]
 
 use std::collections::BTreeMap;
 use std::process::ExitCode;

@@ -1,4 +1,5 @@
 //! Tests that lack something say so, and fail where it is required.
+#![allow(clippy::print_stderr)]
 
 use std::fs::OpenOptions;
 use std::io::Write;

@@ -8,6 +8,7 @@ use voxelastic::Pose;
 use voxelastic::geometry::PoseChange;
 use voxelastic_io::source::{self, Source};
 use voxelastic_io::{Keyframing, OpenOptions, PoseKind, SensorFolder, SensorTopic};
+use voxelastic_run::precision::{LARGEST_VEHICLE, near};
 use voxelastic_run::source::Examination;
 use voxelastic_run::{HoldOut, PosesCheck, Warnings};
 
@@ -234,7 +235,7 @@ pub fn pose(text: &str) -> Result<Pose, String> {
     if (rotation.norm() - 1.0).abs() > 1e-2 {
         return Err(format!("the norm of the quaternion is {:.3}, but must be 1; the order is qx qy qz qw", rotation.norm()));
     }
-    Ok(Pose::from_parts(Translation3::new(x, y, z), UnitQuaternion::from_quaternion(rotation)))
+    near(Pose::from_parts(Translation3::new(x, y, z), UnitQuaternion::from_quaternion(rotation)), LARGEST_VEHICLE)
 }
 
 fn pose_change(text: &str) -> Result<PoseChange, String> {
@@ -254,6 +255,7 @@ mod tests {
         let read = pose("0.1 -0.2, 1.7 0 0 0.70710678 0.70710678").unwrap();
         assert!((read.rotation.euler_angles().2 - std::f64::consts::FRAC_PI_2).abs() < 1e-6 && read.translation.z == 1.7);
         assert!(pose("0 0 0 0 0 0 2").unwrap_err().contains("is 2.000"));
+        assert!(pose("1e7 0 0 0 0 0 1").unwrap_err().contains("metres"));
         for wrong in ["", "1 2 3", "0 0 0 0 0 0 1 1", "0 0 0 0 0 0 nan"] {
             assert!(pose(wrong).unwrap_err().contains("x y z qx qy qz qw"), "{wrong}");
         }

@@ -118,7 +118,12 @@ pub fn run(args: &LiveArgs, quiet: bool) -> anyhow::Result<u8> {
         reading: args.reading(corrections)?,
         settings,
         corrections,
-        viewer: args.view.map(|address| ViewerSetup { address, detail: args.detail.view_detail, token: args.token.clone() }),
+        viewer: args.view.map(|address| ViewerSetup {
+            address,
+            origins: args.network.origins(),
+            detail: args.detail.view_detail,
+            token: args.token.clone(),
+        }),
         kept: Some(KeptIn {
             path: keep::path(args.output.as_deref(), args.name())?,
             save: args.save.into(),
@@ -140,7 +145,7 @@ pub fn watch(data: &Path, rate: Option<Rate>, address: SocketAddr, detail: Detai
         reading: reading(data, &ReadingArgs::default(), corrections),
         settings: Settings::default(),
         corrections,
-        viewer: Some(ViewerSetup { address, detail: detail.view_detail, token: None }),
+        viewer: Some(ViewerSetup { address, origins: Vec::new(), detail: detail.view_detail, token: None }),
         kept: None,
         network: None,
         planner: None,

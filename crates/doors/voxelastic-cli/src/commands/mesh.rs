@@ -62,6 +62,7 @@ pub struct MeshArgs {
 /// The keys of `--json`.
 #[derive(Debug, Serialize)]
 struct Summary {
+    #[serde(serialize_with = "crate::output::paths")]
     files: Vec<PathBuf>,
     vertices: usize,
     triangles: usize,

@@ -64,6 +64,7 @@ fn positive(text: &str) -> Result<f64, String> {
 /// The keys of `--json`.
 #[derive(Debug, Serialize)]
 struct Summary<'a> {
+    #[serde(serialize_with = "crate::output::path")]
     file: &'a Path,
     bytes: u64,
     submaps: usize,

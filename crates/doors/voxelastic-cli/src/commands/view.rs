@@ -7,7 +7,7 @@ use crate::interrupt;
 use clap::Args;
 use std::net::SocketAddr;
 use std::path::PathBuf;
-use voxelastic_live::node::{Figures, Watch};
+use voxelastic_live::node::{Figures, ViewerSetup, Watch};
 use voxelastic_live::replay::Rate;
 use voxelastic_run::map_files::{self, is_map};
 use voxelastic_run::threads;
@@ -51,7 +51,8 @@ pub fn run(args: &ViewArgs, quiet: bool) -> anyhow::Result<u8> {
         return Err(Failure::usage(format!("{} is a map, and --rate is for recordings", args.thing.display()), "leave it out").into());
     }
     let pool = threads::pool(0)?;
-    let mut watch = Watch::start(&args.thing, args.address, args.detail.view_detail, None)?;
+    let viewer = ViewerSetup { address: args.address, origins: Vec::new(), detail: args.detail.view_detail, token: None };
+    let mut watch = Watch::start(&args.thing, &viewer, None)?;
     let map = pool.install(|| map_files::load_surfaces(&args.thing, args.load.into()))?;
     interrupt::install("closing the viewer");
     watch.publisher.note_atlas(&map.atlas, None);

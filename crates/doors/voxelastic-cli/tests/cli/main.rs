@@ -1,7 +1,7 @@
 //! Tests of the binary `voxelastic`: `first_map` has what works, `inputs/bad_input.rs` has errors and their messages.
 
 // Figures, for those who run the tests with `--nocapture`.
-#![allow(clippy::print_stdout)]
+#![allow(clippy::print_stdout, clippy::print_stderr)]
 
 mod elastic;
 mod faults;

@@ -19,7 +19,7 @@ pub use exploring::ExplorationSummary;
 pub use network::{Backend, NetworkSetup};
 pub use played::Played;
 pub use source::ScansFrom;
-pub use watch::{Figures, Watch};
+pub use watch::{Figures, ViewerSetup, Watch};
 
 use crate::feed::Feed;
 use crate::planner::PlannerSettings;
@@ -32,7 +32,6 @@ use network::Network;
 use offers::{InputRecording, Offers};
 use service::Service;
 use source::Source;
-use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::mpsc::channel;
 use std::time::Instant;
@@ -63,17 +62,6 @@ pub struct Setup {
     pub planner: Option<PlannerSettings>,
     /// Whether the input is to end, which ends the node orderly: what has come is mapped and the map is kept.
     pub is_stopped: fn() -> bool,
-}
-
-/// A viewer of a node.
-#[derive(Clone, Debug)]
-pub struct ViewerSetup {
-    /// Where it is served; port 0 is one that is free.
-    pub address: SocketAddr,
-    /// Level of detail of the surface: 0 is full resolution.
-    pub detail: u8,
-    /// A file with the token of those who may control the node over HTTP.
-    pub token: Option<PathBuf>,
 }
 
 /// Where a node keeps its map.
@@ -188,7 +176,7 @@ impl Setup {
     }
 
     fn watch(&self, requests: &RequestSender) -> Result<Option<Watch>> {
-        let start = |viewer: &ViewerSetup| Watch::start(&self.name, viewer.address, viewer.detail, self.control(viewer, requests)?);
+        let start = |viewer: &ViewerSetup| Watch::start(&self.name, viewer, self.control(viewer, requests)?);
         self.viewer.as_ref().map(start).transpose()
     }
 

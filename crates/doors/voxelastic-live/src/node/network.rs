@@ -21,6 +21,8 @@ pub struct NetworkSetup {
     pub use_sim_time: bool,
     /// Where what is published is served to Foxglove.
     pub foxglove: Option<SocketAddr>,
+    /// Origins whose pages may read what is served there; without any, Foxglove's own.
+    pub origins: Vec<String>,
     /// The MCAP file into which what comes in is recorded.
     pub record: Option<PathBuf>,
 }

@@ -33,7 +33,7 @@ impl Offers {
         }
         if let Some(address) = setup.foxglove {
             let remedy = "another program may use that port: name another address, or port 0 for one that is free";
-            offers.add_foxglove(address, &setup.node).map_err(|problem| Error::new(problem.to_string(), remedy))?;
+            offers.add_foxglove(address, setup).map_err(|problem| Error::new(problem.to_string(), remedy))?;
         }
         if let Some(file) = &setup.record {
             offers
@@ -50,9 +50,11 @@ impl Offers {
     }
 
     #[cfg(feature = "foxglove")]
-    fn add_foxglove(&mut self, address: SocketAddr, node: &str) -> Result<(), MiddlewareError> {
-        let server = crate::ros::foxglove::FoxgloveServer::start(node, address)?;
-        self.outputs.add_sinks(node, |profile| server.advertise(profile))?;
+    fn add_foxglove(&mut self, address: SocketAddr, setup: &NetworkSetup) -> Result<(), MiddlewareError> {
+        use crate::ros::foxglove::{APP, FoxgloveServer};
+        let origins = if setup.origins.is_empty() { vec![APP.to_owned()] } else { setup.origins.clone() };
+        let server = FoxgloveServer::start(&setup.node, address, origins)?;
+        self.outputs.add_sinks(&setup.node, |profile| server.advertise(profile))?;
         tracing::info!("Foxglove: open a connection to ws://{}", server.address());
         if !server.address().ip().is_loopback() {
             tracing::warn!("everyone who reaches {} can read what is published; nobody can change anything", server.address());
@@ -64,7 +66,7 @@ impl Offers {
     #[cfg(feature = "foxglove")]
     fn add_recording(&mut self, file: &Path, node: &str) -> Result<(), MiddlewareError> {
         use crate::ros::middleware::Sink;
-        let recorder = crate::ros::foxglove::Recorder::create(file)?;
+        let recorder = crate::ros::recorder::Recorder::create(file)?;
         self.outputs.add_sinks(node, |profile| Ok(Box::new(recorder.topic(&profile.name, &profile.kind)?) as Box<dyn Sink>))?;
         tracing::info!("what is published is recorded in {}", file.display());
         self.held.push(Handle::new(recorder));
@@ -72,7 +74,7 @@ impl Offers {
     }
 
     #[cfg(not(feature = "foxglove"))]
-    fn add_foxglove(&mut self, _: SocketAddr, _: &str) -> Result<(), MiddlewareError> {
+    fn add_foxglove(&mut self, _: SocketAddr, _: &NetworkSetup) -> Result<(), MiddlewareError> {
         Err(without())
     }
 
@@ -85,7 +87,7 @@ impl Offers {
 /// A recording of what comes in.
 pub struct InputRecording {
     #[cfg(feature = "foxglove")]
-    recorder: crate::ros::foxglove::Recorder,
+    recorder: crate::ros::recorder::Recorder,
 }
 
 impl InputRecording {
@@ -98,7 +100,7 @@ impl InputRecording {
 
     #[cfg(feature = "foxglove")]
     fn create(file: &Path) -> Result<Self, MiddlewareError> {
-        Ok(Self { recorder: crate::ros::foxglove::Recorder::create(file)? })
+        Ok(Self { recorder: crate::ros::recorder::Recorder::create(file)? })
     }
 
     #[cfg(not(feature = "foxglove"))]

@@ -5,7 +5,7 @@ use crate::scene::Scene;
 use crate::viewer::{Control, Viewer};
 use serde_json::json;
 use std::net::SocketAddr;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use voxelastic::atlas::Atlas;
@@ -15,6 +15,19 @@ use voxelastic_run::{Error, Result};
 const FIGURES: Duration = Duration::from_millis(250);
 /// A pause when nothing is to do, and one while tiles of the surface are made.
 const PAUSES: [Duration; 2] = [Duration::from_millis(50), Duration::from_millis(2)];
+
+/// A viewer of a node.
+#[derive(Clone, Debug)]
+pub struct ViewerSetup {
+    /// Where it is served; port 0 is one that is free.
+    pub address: SocketAddr,
+    /// Origins whose pages may read it, beside its own.
+    pub origins: Vec<String>,
+    /// Level of detail of the surface: 0 is full resolution.
+    pub detail: u8,
+    /// A file with the token of those who may control the node over HTTP.
+    pub token: Option<PathBuf>,
+}
 
 /// Figures of a node.
 #[derive(Clone, Debug, Default)]
@@ -62,12 +75,13 @@ pub struct Watch {
 }
 
 impl Watch {
-    /// Starts the server, and says where it is and what it shows. `name` is what is mapped, `detail` the level of detail of its surface: 0 is full resolution.
-    pub fn start(name: &Path, address: SocketAddr, detail: u8, control: Option<Control>) -> Result<Self> {
+    /// Starts the server, and says where it is and what it shows. `name` is what is mapped.
+    pub fn start(name: &Path, setup: &ViewerSetup, control: Option<Control>) -> Result<Self> {
+        let address = setup.address;
         let scene = Arc::new(Scene::default());
         let title = name.file_name().unwrap_or(name.as_os_str()).to_string_lossy();
         let controlled = if control.is_some() { "who knows the token can save, pause and reset" } else { "nobody can change anything" };
-        let viewer = Viewer::start(Arc::clone(&scene), &title, address, control).map_err(|error| {
+        let viewer = Viewer::start(Arc::clone(&scene), &title, address, setup.origins.clone(), control).map_err(|error| {
             let remedy = "another program may use that port: name another address, or port 0 for one that is free";
             Error::new(format!("cannot serve the viewer at {address}: {error}"), remedy)
         })?;
@@ -75,7 +89,7 @@ impl Watch {
         if !viewer.address().ip().is_loopback() {
             tracing::warn!("everyone who reaches {} sees the map, the trajectory and the scans; {controlled}", viewer.address());
         }
-        let publisher = Publisher::new(scene, detail.into());
+        let publisher = Publisher::new(scene, setup.detail.into());
         publisher.statistics(&Figures { state: "starting", ..Figures::default() }.json());
         Ok(Self { publisher, viewer, last_figures: None })
     }

@@ -1,95 +1,136 @@
-//! Foxglove: what is published, over its WebSocket protocol and in MCAP files. The messages are those of ROS 2, with their definitions.
+//! Foxglove: what is published, over its [WebSocket protocol](https://github.com/foxglove/ws-protocol/blob/main/docs/spec.md). The messages are those of ROS 2, with
+//! their definitions. Clients can read, and change nothing.
+//!
+//! What was published lately is there once, for all clients; each takes it at its own pace. One that is too slow misses what is not there any more, so clients cost
+//! no memory, however many there are and whatever they do.
 
 use super::middleware::{Delivery, MiddlewareError, Sink, TopicProfile};
-use foxglove::websocket::{ChannelView, Client, ServerListener};
-use foxglove::{Context, McapWriterHandle, PartialMetadata, RawChannel, Schema, WebSocketServerHandle};
-use std::collections::HashMap;
-use std::fmt::Display;
-use std::fs::File;
-use std::io::BufWriter;
+use crate::http::{HttpServer, Place};
+use crate::viewer::send;
+use axum::body::Bytes;
+use axum::extract::State;
+use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade};
+use axum::http::StatusCode;
+use axum::response::{IntoResponse, Response};
+use axum::routing::get;
+use axum::{Extension, Router};
+use serde::Deserialize;
+use serde_json::json;
+use std::collections::{BTreeMap, VecDeque};
 use std::net::SocketAddr;
-use std::path::Path;
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::mpsc::{SyncSender, TrySendError, sync_channel};
-use std::sync::{Arc, Mutex, PoisonError};
-use std::thread::JoinHandle;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{SystemTime, UNIX_EPOCH};
+use tokio::sync::{Semaphore, watch};
 use voxelastic_io::ros::definition;
 
-/// Messages that may wait to be written.
-const WAITING: usize = 1024;
-/// Messages that may wait for a client that reads slowly; then the oldest are dropped.
-const BACKLOG: usize = 256;
+/// Foxglove's own page, which may read unless others are named.
+pub const APP: &str = "https://app.foxglove.dev";
+/// The protocol, by its present name.
+const PROTOCOL: &str = "foxglove.sdk.v1";
+/// What was published lately, for those who are slower than the node: bytes of all topics.
+const RECENT: usize = 64 << 20;
+/// What is on its way to all clients, kilobytes; messages up to a size do not count.
+const ON_THE_WAY: usize = 64 << 10;
+const SMALL: usize = 64 << 10;
+/// Subscriptions of a client, and bytes of a message of it.
+const SUBSCRIPTIONS: usize = 256;
+const LARGEST_REQUEST: usize = 64 << 10;
 
-fn channel(context: &Arc<Context>, name: &str, kind: &str) -> Result<Arc<RawChannel>, MiddlewareError> {
-    let failed = |problem: &dyn Display| MiddlewareError::new(format!("cannot publish {name} for Foxglove"), problem);
-    let definition = definition(kind).ok_or_else(|| failed(&format!("{kind} is not known")))?;
-    let schema = Schema::new(kind, "ros2msg", definition.as_bytes());
-    context.channel_builder(name).message_encoding("cdr").schema(schema).build_raw().map_err(|e| failed(&e))
-}
-
-/// A server for Foxglove. Clients can read, and change nothing.
+/// A server for Foxglove.
 pub struct FoxgloveServer {
-    context: Arc<Context>,
-    listeners: Arc<Listeners>,
-    address: SocketAddr,
-    server: Option<WebSocketServerHandle>,
+    hub: Arc<Hub>,
+    server: HttpServer,
 }
 
-/// Who listens to what, and what they get at once.
+/// What all clients are served from.
+struct Hub {
+    name: String,
+    session: String,
+    board: Mutex<Board>,
+    changes: watch::Sender<()>,
+    on_the_way: Semaphore,
+}
+
 #[derive(Default)]
-struct Listeners(Mutex<HashMap<String, Arc<Topic>>>);
+struct Board {
+    topics: Vec<Topic>,
+    /// Numbered in their order; the first one has this number.
+    recent: VecDeque<Published>,
+    first: u64,
+    bytes: usize,
+}
 
-/// A topic of the server.
 struct Topic {
-    channel: Arc<RawChannel>,
-    subscribers: AtomicUsize,
+    profile: TopicProfile,
+    schema: &'static str,
+    subscribers: usize,
     /// The last message, for those who come late, if it is a topic of that kind.
-    last: Option<Mutex<Vec<u8>>>,
+    last: Option<Published>,
 }
 
-impl Listeners {
-    fn topic(&self, name: &str) -> Option<Arc<Topic>> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).get(name).cloned()
+/// A message of a topic, and when it was published, nanoseconds.
+#[derive(Clone)]
+struct Published {
+    topic: usize,
+    time: u64,
+    message: Bytes,
+}
+
+impl Hub {
+    fn board(&self) -> MutexGuard<'_, Board> {
+        self.board.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-impl ServerListener for Listeners {
-    fn on_subscribe(&self, client: Client, channel: ChannelView<'_>) {
-        let Some(topic) = self.topic(channel.topic()) else { return };
-        topic.subscribers.fetch_add(1, Ordering::Relaxed);
-        if let Some(last) = &topic.last {
-            let last = last.lock().unwrap_or_else(PoisonError::into_inner).clone();
-            if !last.is_empty() {
-                topic.channel.log_to_sink(&last, client.sink_id());
-            }
+impl Board {
+    /// The number of the next message.
+    fn next(&self) -> u64 {
+        self.first + self.recent.len() as u64
+    }
+
+    fn publish(&mut self, topic: usize, message: &[u8]) {
+        let time = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_nanos() as u64);
+        let Some(of) = self.topics.get_mut(topic) else { return };
+        let is_latched = of.profile.delivery == Delivery::Latched;
+        if of.subscribers == 0 && !is_latched {
+            return;
         }
-    }
-
-    fn on_unsubscribe(&self, _: Client, channel: ChannelView<'_>) {
-        if let Some(topic) = self.topic(channel.topic()) {
-            let _ = topic.subscribers.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |count| count.checked_sub(1));
+        let published = Published { topic, time, message: Bytes::copy_from_slice(message) };
+        of.last = is_latched.then(|| published.clone());
+        if of.subscribers > 0 {
+            self.bytes += message.len();
+            self.recent.push_back(published);
+        }
+        while self.bytes > RECENT && self.recent.len() > 1 {
+            self.bytes -= self.recent.pop_front().map_or(0, |oldest| oldest.message.len());
+            self.first += 1;
         }
     }
 }
 
 impl FoxgloveServer {
-    /// Serves at `address`; port 0 is one that is free.
+    /// Serves at `address`, with port 0 at one that is free, also to pages of `origins`.
     ///
     /// # Errors
     /// When the address is taken or not of this machine.
-    pub fn start(name: &str, address: SocketAddr) -> Result<Self, MiddlewareError> {
-        let (context, listeners) = (Context::new(), Arc::<Listeners>::default());
-        let server = context.websocket_server().name(name).bind(address.ip().to_string(), address.port());
-        let server = server.message_backlog_size(BACKLOG).listener(Arc::clone(&listeners) as Arc<dyn ServerListener>).start_blocking();
+    pub fn start(name: &str, address: SocketAddr, origins: Vec<String>) -> Result<Self, MiddlewareError> {
+        let session = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_millis()).to_string();
+        let hub = Arc::new(Hub {
+            name: name.to_owned(),
+            session,
+            board: Mutex::default(),
+            changes: watch::Sender::new(()),
+            on_the_way: Semaphore::new(ON_THE_WAY),
+        });
+        let routes = Router::new().route("/", get(socket)).with_state(Arc::clone(&hub));
+        let server = HttpServer::start("foxglove", address, origins, routes);
         let server = server.map_err(|e| MiddlewareError::new(format!("cannot serve Foxglove at {address}"), e))?;
-        let address = SocketAddr::new(address.ip(), server.port());
-        Ok(Self { context, listeners, address, server: Some(server) })
+        Ok(Self { hub, server })
     }
 
     /// Where it is.
     pub fn address(&self) -> SocketAddr {
-        self.address
+        self.server.address()
     }
 
     /// Announces a topic.
@@ -97,134 +138,293 @@ impl FoxgloveServer {
     /// # Errors
     /// When its type is not one of those that are published.
     pub fn advertise(&self, profile: &TopicProfile) -> Result<Box<dyn Sink>, MiddlewareError> {
-        let channel = channel(&self.context, &profile.name, &profile.kind)?;
-        let last = (profile.delivery == Delivery::Latched).then(Mutex::default);
-        let topic = Arc::new(Topic { channel, subscribers: AtomicUsize::new(0), last });
-        self.listeners.0.lock().unwrap_or_else(PoisonError::into_inner).insert(profile.name.clone(), Arc::clone(&topic));
-        Ok(Box::new(ServerSink(topic)))
+        let failed = || MiddlewareError::new(format!("cannot publish {} for Foxglove", profile.name), format!("{} is not known", profile.kind));
+        let schema = definition(&profile.kind).ok_or_else(failed)?;
+        let mut board = self.hub.board();
+        board.topics.push(Topic { profile: profile.clone(), schema, subscribers: 0, last: None });
+        let topic = board.topics.len() - 1;
+        drop(board);
+        self.hub.changes.send_replace(());
+        Ok(Box::new(ServerSink { hub: Arc::clone(&self.hub), topic }))
     }
 }
 
-impl Drop for FoxgloveServer {
-    fn drop(&mut self) {
-        if let Some(server) = self.server.take() {
-            drop(server.stop());
-        }
-    }
+struct ServerSink {
+    hub: Arc<Hub>,
+    topic: usize,
 }
-
-struct ServerSink(Arc<Topic>);
 
 impl Sink for ServerSink {
     fn publish(&mut self, message: &[u8]) -> Result<(), MiddlewareError> {
-        if let Some(last) = &self.0.last {
-            *last.lock().unwrap_or_else(PoisonError::into_inner) = message.to_vec();
-        }
-        self.0.channel.log(message);
+        self.hub.board().publish(self.topic, message);
+        self.hub.changes.send_replace(());
         Ok(())
     }
 
     fn subscribers(&self) -> usize {
-        self.0.subscribers.load(Ordering::Relaxed)
+        self.hub.board().topics.get(self.topic).map_or(0, |topic| topic.subscribers)
     }
 }
 
-/// Writes messages into an MCAP file, on a thread of its own.
-pub struct Recorder {
-    context: Arc<Context>,
-    messages: SyncSender<Option<Record>>,
-    lost: Arc<AtomicUsize>,
-    thread: Option<JoinHandle<()>>,
-    writer: Option<McapWriterHandle<BufWriter<File>>>,
+async fn socket(State(hub): State<Arc<Hub>>, Extension(place): Extension<Place>, upgrade: WebSocketUpgrade) -> Response {
+    let upgrade = upgrade.protocols([PROTOCOL]).max_message_size(LARGEST_REQUEST).max_frame_size(LARGEST_REQUEST);
+    if upgrade.selected_protocol().is_none() {
+        return (StatusCode::BAD_REQUEST, format!("this server speaks {PROTOCOL}\n")).into_response();
+    }
+    upgrade.on_upgrade(move |mut socket| async move {
+        let at = hub.board().next();
+        let mut client = Client { at, hub, announced: 0, subscriptions: BTreeMap::new(), first: VecDeque::new() };
+        // An error is a client that has gone.
+        let _ = client.serve(&mut socket).await;
+        drop(place);
+    })
 }
 
-/// A channel, when a message came, nanoseconds, and the message.
-type Record = (Arc<RawChannel>, u64, Vec<u8>);
+/// What a client asks for.
+#[derive(Deserialize)]
+#[serde(tag = "op", rename_all = "camelCase")]
+enum Asked {
+    Subscribe {
+        subscriptions: Vec<Subscription>,
+    },
+    #[serde(rename_all = "camelCase")]
+    Unsubscribe {
+        subscription_ids: Vec<u32>,
+    },
+    #[serde(other)]
+    Other,
+}
 
-impl Recorder {
-    /// Begins a file, which must not exist.
-    ///
-    /// # Errors
-    /// When it exists or cannot be written.
-    pub fn create(path: &Path) -> Result<Self, MiddlewareError> {
-        let failed = |problem: &dyn Display| MiddlewareError::new(format!("cannot record to {}", path.display()), problem);
-        let context = Context::new();
-        let writer = context.mcap_writer().create_new_buffered_file(path).map_err(|e| failed(&e))?;
-        let (messages, records) = sync_channel::<Option<Record>>(WAITING);
-        let write = move || {
-            while let Ok(Some((channel, time, message))) = records.recv() {
-                channel.log_with_meta(&message, PartialMetadata { log_time: Some(time) });
+#[derive(Deserialize)]
+#[serde(rename_all = "camelCase")]
+struct Subscription {
+    id: u32,
+    channel_id: usize,
+}
+
+/// A client, and where it is in what was published.
+struct Client {
+    hub: Arc<Hub>,
+    announced: usize,
+    /// By its own numbers: the topic, and the number of the first message that it gets.
+    subscriptions: BTreeMap<u32, (usize, u64)>,
+    /// What it gets first, each for a subscription.
+    first: VecDeque<(u32, Published)>,
+    at: u64,
+}
+
+impl Client {
+    async fn serve(&mut self, socket: &mut WebSocket) -> Result<(), axum::Error> {
+        let mut changes = self.hub.changes.subscribe();
+        let hello = json!({ "op": "serverInfo", "name": self.hub.name, "capabilities": [], "supportedEncodings": [], "metadata": {}, "sessionId": self.hub.session });
+        send(socket, Message::text(hello.to_string())).await?;
+        loop {
+            changes.borrow_and_update();
+            if let Some(announcement) = self.announcement() {
+                send(socket, Message::text(announcement)).await?;
             }
+            let next = self.next();
+            tokio::select! {
+                biased;
+                said = socket.recv() => match said {
+                    None | Some(Err(_) | Ok(Message::Close(_))) => return Ok(()),
+                    Some(Ok(Message::Text(text))) if !self.take(&text) => return Ok(()),
+                    Some(Ok(_)) => {}
+                },
+                () = std::future::ready(()), if next.is_some() => {}
+                changed = changes.changed(), if next.is_none() => if changed.is_err() { return Ok(()) },
+            }
+            if let Some((id, Published { time, message, .. })) = next {
+                // Those who take nothing keep others waiting until they are dropped, and memory is what it is.
+                let kilobytes = if message.len() <= SMALL { 0 } else { (message.len() >> 10).min(ON_THE_WAY) };
+                let _permit = self.hub.on_the_way.acquire_many(kilobytes as u32).await;
+                send(socket, Message::binary([&[1][..], &id.to_le_bytes(), &time.to_le_bytes(), &message].concat())).await?;
+            }
+        }
+    }
+
+    /// The topics that it does not know of.
+    fn announcement(&mut self) -> Option<String> {
+        let board = self.hub.board();
+        let channel = |(k, topic): (usize, &Topic)| {
+            let TopicProfile { name, kind, .. } = &topic.profile;
+            json!({ "id": k + 1, "topic": name, "encoding": "cdr", "schemaName": kind, "schema": topic.schema, "schemaEncoding": "ros2msg" })
         };
-        let thread = std::thread::Builder::new().name("recorder".to_owned()).spawn(write).map_err(|e| failed(&e))?;
-        Ok(Self { context, messages, lost: Arc::default(), thread: Some(thread), writer: Some(writer) })
+        let channels: Vec<_> = board.topics.iter().enumerate().skip(self.announced).map(channel).collect();
+        self.announced = board.topics.len();
+        (!channels.is_empty()).then(|| json!({ "op": "advertise", "channels": channels }).to_string())
     }
 
-    /// Begins a topic.
-    ///
-    /// # Errors
-    /// When its type is not known.
-    pub fn topic(&self, name: &str, kind: &str) -> Result<RecordedTopic, MiddlewareError> {
-        let channel = channel(&self.context, name, kind)?;
-        Ok(RecordedTopic { channel, messages: self.messages.clone(), lost: Arc::clone(&self.lost) })
-    }
-
-    /// Messages that could not be written, because the disk was too slow.
-    pub fn lost(&self) -> usize {
-        self.lost.load(Ordering::Relaxed)
-    }
-
-    /// Writes what waits, and completes the file.
-    ///
-    /// # Errors
-    /// When the disk refuses.
-    pub fn close(mut self) -> Result<(), MiddlewareError> {
-        self.finish()
-    }
-
-    fn finish(&mut self) -> Result<(), MiddlewareError> {
-        if let Some(thread) = self.thread.take() {
-            let _ = self.messages.send(None);
-            let _ = thread.join();
+    /// The next message that it gets, and for which subscription.
+    fn next(&mut self) -> Option<(u32, Published)> {
+        let board = self.hub.board();
+        self.at = self.at.max(board.first);
+        while self.first.is_empty()
+            && let Some(published) = board.recent.get((self.at - board.first) as usize)
+        {
+            let is_for = |(topic, since): (usize, u64)| topic == published.topic && since <= self.at;
+            self.first.extend(self.subscriptions.iter().filter(|(_, of)| is_for(**of)).map(|(id, _)| (*id, published.clone())));
+            self.at += 1;
         }
-        let closed = self.writer.take().map(McapWriterHandle::close).transpose();
-        closed.map(drop).map_err(|e| MiddlewareError::new("the recording is not complete", e))
+        self.first.pop_front()
+    }
+
+    /// Does what it asks for; false if that is too much. What is not understood has no effect.
+    fn take(&mut self, text: &str) -> bool {
+        let hub = Arc::clone(&self.hub);
+        let mut board = hub.board();
+        match serde_json::from_str(text) {
+            Ok(Asked::Subscribe { subscriptions }) => {
+                for Subscription { id, channel_id } in subscriptions {
+                    let (since, number) = (board.next(), channel_id.wrapping_sub(1));
+                    let Some(topic) = board.topics.get_mut(number).filter(|_| !self.subscriptions.contains_key(&id)) else { continue };
+                    if self.subscriptions.len() >= SUBSCRIPTIONS {
+                        tracing::warn!("a client of Foxglove's port asked for more than {SUBSCRIPTIONS} subscriptions: its connection is closed");
+                        return false;
+                    }
+                    topic.subscribers += 1;
+                    self.subscriptions.insert(id, (number, since));
+                    self.first.extend(topic.last.clone().map(|last| (id, last)));
+                }
+            }
+            Ok(Asked::Unsubscribe { subscription_ids }) => {
+                for id in subscription_ids {
+                    if let Some((topic, _)) = self.subscriptions.remove(&id) {
+                        board.leave(topic);
+                    }
+                }
+                self.first.retain(|(id, _)| self.subscriptions.contains_key(id));
+            }
+            Ok(Asked::Other) | Err(_) => {}
+        }
+        true
     }
 }
 
-impl Drop for Recorder {
+impl Board {
+    fn leave(&mut self, topic: usize) {
+        if let Some(topic) = self.topics.get_mut(topic) {
+            topic.subscribers -= 1;
+        }
+        if self.topics.iter().all(|topic| topic.subscribers == 0) {
+            (self.first, self.bytes) = (self.next(), 0);
+            self.recent = VecDeque::new();
+        }
+    }
+}
+
+impl Drop for Client {
     fn drop(&mut self) {
-        if let Err(problem) = self.finish() {
-            tracing::warn!("{problem}");
+        let mut board = self.hub.board();
+        self.subscriptions.values().for_each(|(topic, _)| board.leave(*topic));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::net::TcpStream;
+    use std::time::{Duration, Instant};
+    use tungstenite::client::IntoClientRequest;
+    use voxelastic_testing::PATIENCE;
+
+    type Socket = tungstenite::WebSocket<TcpStream>;
+
+    fn server() -> (FoxgloveServer, [Box<dyn Sink>; 2]) {
+        let server = FoxgloveServer::start("robot", ([127, 0, 0, 1], 0).into(), vec![APP.to_owned()]).unwrap();
+        let topic = |name: &str, delivery| TopicProfile { name: name.into(), kind: "nav_msgs/msg/Path".into(), delivery, depth: 1 };
+        let sinks =
+            [("/path", Delivery::Latched), ("/grid", Delivery::Reliable)].map(|(name, delivery)| server.advertise(&topic(name, delivery)).unwrap());
+        (server, sinks)
+    }
+
+    fn connected(server: &FoxgloveServer, origin: Option<&str>) -> Option<Socket> {
+        let mut request = format!("ws://{}/", server.address()).into_client_request().unwrap();
+        request.headers_mut().insert("Sec-WebSocket-Protocol", PROTOCOL.parse().unwrap());
+        if let Some(origin) = origin {
+            request.headers_mut().insert("Origin", origin.parse().unwrap());
+        }
+        let stream = TcpStream::connect(server.address()).unwrap();
+        stream.set_read_timeout(Some(PATIENCE)).unwrap();
+        Some(tungstenite::client(request, stream).ok()?.0)
+    }
+
+    fn subscribed(server: &FoxgloveServer, channels: &[usize]) -> Socket {
+        let mut socket = connected(server, None).unwrap();
+        let told = [(); 2].map(|()| socket.read().unwrap().into_text().unwrap());
+        assert!(told[0].contains("\"serverInfo\"") && told[1].contains("\"topic\":\"/path\"") && told[1].contains("ros2msg"), "{told:?}");
+        let subscriptions: Vec<_> = channels.iter().map(|id| json!({ "id": 10 * id, "channelId": id })).collect();
+        socket.send(tungstenite::Message::text(json!({ "op": "subscribe", "subscriptions": subscriptions }).to_string())).unwrap();
+        socket
+    }
+
+    fn message(socket: &mut Socket) -> (u32, Vec<u8>) {
+        let message = socket.read().unwrap().into_data();
+        assert_eq!(message[0], 1);
+        (u32::from_le_bytes(message[1..5].try_into().unwrap()), message[13..].to_vec())
+    }
+
+    fn wait(what: impl Fn() -> bool) {
+        let begin = Instant::now();
+        while !what() {
+            assert!(begin.elapsed() < PATIENCE);
+            std::thread::sleep(Duration::from_millis(5));
         }
     }
-}
 
-/// A topic of a recording.
-#[derive(Clone)]
-pub struct RecordedTopic {
-    channel: Arc<RawChannel>,
-    messages: SyncSender<Option<Record>>,
-    lost: Arc<AtomicUsize>,
-}
-
-impl RecordedTopic {
-    /// Records a message that came now.
-    pub fn record(&self, message: &[u8]) {
-        let now = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_nanos() as u64);
-        if let Err(TrySendError::Full(_)) = self.messages.try_send(Some((Arc::clone(&self.channel), now, message.to_vec()))) {
-            self.lost.fetch_add(1, Ordering::Relaxed);
+    #[test]
+    fn pages_of_strangers_get_nothing() {
+        let (server, _sinks) = server();
+        let own = format!("http://{}", server.address());
+        for (origin, is_let_in) in
+            [(None, true), (Some(APP), true), (Some(own.as_str()), true), (Some("http://evil.example"), false), (Some("null"), false)]
+        {
+            assert_eq!(connected(&server, origin).is_some(), is_let_in, "{origin:?}");
         }
     }
-}
 
-impl Sink for RecordedTopic {
-    fn publish(&mut self, message: &[u8]) -> Result<(), MiddlewareError> {
-        self.record(message);
-        Ok(())
+    #[test]
+    fn clients_get_what_they_subscribe_to() {
+        let (server, [mut path, mut grid]) = server();
+        path.publish(b"1").unwrap();
+        grid.publish(b"nobody listens").unwrap();
+        let mut socket = subscribed(&server, &[1, 2, 3]);
+        assert_eq!(message(&mut socket), (10, b"1".to_vec()), "the last one of before");
+        wait(|| (path.subscribers(), grid.subscribers()) == (1, 1));
+        for k in 0..50u8 {
+            grid.publish(&[k]).unwrap();
+            path.publish(&[k]).unwrap();
+        }
+        for k in 0..50u8 {
+            assert_eq!([message(&mut socket), message(&mut socket)], [(20, vec![k]), (10, vec![k])]);
+        }
+        socket.send(tungstenite::Message::text(r#"{"op":"unsubscribe","subscriptionIds":[20, 77]}"#)).unwrap();
+        wait(|| grid.subscribers() == 0);
+        drop(socket);
+        wait(|| path.subscribers() == 0);
+        assert!(server.hub.board().recent.is_empty());
+        // More than a client may ask for ends its connection, and nothing else.
+        let many: Vec<_> = (0..=SUBSCRIPTIONS).map(|id| json!({ "id": id, "channelId": 1 })).collect();
+        let mut greedy = subscribed(&server, &[]);
+        greedy.send(tungstenite::Message::text(json!({ "op": "subscribe", "subscriptions": many }).to_string())).unwrap();
+        while greedy.read().is_ok() {}
+        wait(|| path.subscribers() == 0);
     }
 
-    fn subscribers(&self) -> usize {
-        1
+    #[test]
+    fn clients_that_read_nothing_cost_no_memory() {
+        let (server, [_, mut grid]) = server();
+        let stuck: Vec<_> = (0..20).map(|_| subscribed(&server, &[2])).collect();
+        let mut one = subscribed(&server, &[2]);
+        wait(|| grid.subscribers() == 21);
+        let part = vec![0; 1 << 20];
+        for k in 0..200u8 {
+            grid.publish(&[&[k][..], &part].concat()).unwrap();
+            let board = server.hub.board();
+            assert!(board.bytes <= RECENT && board.recent.len() <= 64, "{} bytes", board.bytes);
+        }
+        // Who reads gets the newest.
+        while message(&mut one).1[0] != 199 {}
+        drop(stuck);
     }
 }

@@ -4,7 +4,7 @@
 //! | --- | --- |
 //! | [`middleware`] | what DDS and Zenoh have in common: subscribe, publish, serve |
 //! | `dds`, `zenoh` | the two of them (feature `ros2`) |
-//! | `foxglove` | what is published, over Foxglove's protocol and into MCAP files (feature `foxglove`) |
+//! | `foxglove`, `recorder` | what is published, over Foxglove's protocol and into MCAP files (feature `foxglove`) |
 //! | [`input`] | the messages of topics as a transport |
 //! | [`output`] | what is published about the map, and when |
 //! | [`messages`] | messages as bytes |
@@ -28,6 +28,8 @@ pub mod output;
 mod parameters;
 #[cfg(feature = "ros2")]
 mod raw_message;
+#[cfg(feature = "foxglove")]
+pub mod recorder;
 pub mod services;
 #[cfg(feature = "ros2")]
 pub mod zenoh;

@@ -9,6 +9,7 @@ use std::sync::mpsc::{Sender, SyncSender, sync_channel};
 use std::time::Duration;
 use voxelastic::Pose;
 use voxelastic_io::ros::{MessageReader, MessageWriter};
+use voxelastic_run::precision::LARGEST;
 
 /// A request is answered within this time, or not at all.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(120);
@@ -183,7 +184,7 @@ fn plan_request(message: &[u8]) -> Option<(Request, String)> {
         let frame = reader.text()?;
         let mut numbers = [0.0; 7];
         for number in &mut numbers {
-            *number = reader.f64().filter(|v| v.is_finite())?;
+            *number = reader.f64().filter(|v| v.abs() <= LARGEST)?;
         }
         let [x, y, z, qx, qy, qz, qw] = numbers;
         // Whoever does not care about the direction sends zeros.

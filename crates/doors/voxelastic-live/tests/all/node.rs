@@ -103,7 +103,7 @@ fn with_loops(setup: Setup) -> Setup {
 
 /// A viewer at `port` with the token in a file.
 fn viewer(port: u16, token: &Path) -> Option<ViewerSetup> {
-    Some(ViewerSetup { address: SocketAddr::from(([127, 0, 0, 1], port)), detail: 1, token: Some(token.to_owned()) })
+    Some(ViewerSetup { address: SocketAddr::from(([127, 0, 0, 1], port)), origins: Vec::new(), detail: 1, token: Some(token.to_owned()) })
 }
 
 /// Maps what a robot gives out, as a process of its own would.
@@ -250,7 +250,16 @@ fn a_saved_map_is_loaded_and_mapping_goes_on_in_it() {
 /// What is published goes to Foxglove alone.
 fn foxglove() -> NetworkSetup {
     let foxglove = Some(SocketAddr::from(([127, 0, 0, 1], 0)));
-    NetworkSetup { node: "voxelastic".to_owned(), backend: None, domain: None, is_local: true, use_sim_time: false, foxglove, record: None }
+    NetworkSetup {
+        node: "voxelastic".to_owned(),
+        backend: None,
+        domain: None,
+        is_local: true,
+        use_sim_time: false,
+        foxglove,
+        origins: Vec::new(),
+        record: None,
+    }
 }
 
 #[cfg(feature = "foxglove")]

@@ -331,7 +331,7 @@ impl Middleware for Foxglove {
 fn the_map_goes_out_over_foxglove() {
     let Some(modules) = voxelastic_testing::node_modules() else { return };
     let dir = tempfile::tempdir().unwrap();
-    let server = voxelastic_live::ros::foxglove::FoxgloveServer::start("voxelastic", ([127, 0, 0, 1], 0).into()).unwrap();
+    let server = voxelastic_live::ros::foxglove::FoxgloveServer::start("voxelastic", ([127, 0, 0, 1], 0).into(), Vec::new()).unwrap();
     let address = server.address().to_string();
     let start = || {
         let script = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/foxglove/client.mjs");

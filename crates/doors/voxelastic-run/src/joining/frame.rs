@@ -1,5 +1,6 @@
 //! Where a frame lies in that of a map, as people write it.
 
+use crate::precision::{LARGEST, near};
 use nalgebra::{Quaternion, Translation3, UnitQuaternion, Vector3};
 use voxelastic::Pose;
 
@@ -24,7 +25,7 @@ impl Frame {
             }
             _ => return Err("must be X,Y,Z in metres, with YAW in degrees if it is turned; or x y z qx qy qz qw".to_owned()),
         };
-        Ok(Self(Pose::from_parts(Translation3::new(*x, *y, *z), rotation)))
+        near(Pose::from_parts(Translation3::new(*x, *y, *z), rotation), LARGEST).map(Self)
     }
 }
 
@@ -46,7 +47,7 @@ mod tests {
         let half = std::f64::consts::FRAC_1_SQRT_2;
         assert!(Frame::parse(&format!("1 -2 3 0 0 {half} {half}")).unwrap().0.rotation_distance(&turned) < 1e-12);
         assert_eq!(Frame::parse("0,0,0").unwrap().0, Pose::identity());
-        for wrong in ["", "1,2", "1,2,x", "1 2 3 0 0 0 2", "1,2,inf"] {
+        for wrong in ["", "1,2", "1,2,x", "1 2 3 0 0 0 2", "1,2,inf", "1e300,0,0", "0,0,-2e8,90"] {
             assert!(Frame::parse(wrong).is_err(), "{wrong}");
         }
     }

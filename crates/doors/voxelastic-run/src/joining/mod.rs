@@ -11,6 +11,7 @@ pub use frame::{Frame, numbers};
 
 use crate::error::{Error, Result};
 use crate::map_files::{self, Loading};
+use crate::precision::too_far;
 use crate::surfaces::{self, SurfaceOptions};
 use crate::warning::{Code, Warnings};
 use serde::Serialize;
@@ -156,6 +157,9 @@ pub fn place(store: &MapStore, added: Sessions<'_>, align: Option<Frame>, warnin
         }
         (None, _) => return Ok(Outcome::Apart(why_apart(&map, &attempt, second, &first_book, &settings)?)),
     };
+    if let Some(why) = too_far(joined.poses.iter().map(|(_, pose)| pose), voxel_size) {
+        return Ok(Outcome::Apart(why));
+    }
     let t_map_session = frames.stored(&joined.t_first_second);
     let offsets = addition::Offsets { submap: store.manifest().submaps.last().map_or(0, |entry| entry.id + 1), node: node_offset };
     let before = listed_sessions(store);

@@ -89,7 +89,8 @@ impl Frames {
     /// [`Error::Content`] if it is none, or of frames that cannot hold datagrams; [`Error::Io`].
     pub(super) fn open(path: &Path) -> Result<Self> {
         let fail = |e| Error::io(path, "read", e);
-        let file = File::open(path).map_err(fail)?;
+        voxelastic_files::note_read(path);
+        let file = voxelastic_files::patiently(|| File::open(path)).map_err(fail)?;
         let len = file.metadata().map_err(fail)?.len();
         let mut file = BufReader::with_capacity(1 << 18, file);
         let damaged = |problem: String| Error::content(path, Position::Byte(0), problem, "capture it again, or convert it: editcap -F pcap IN OUT");

@@ -1,12 +1,12 @@
 //! The packets of a sensor that turns, as they come.
 
-use super::recognise::{DetectedSensor, is_about_device, sensor_of};
+use super::recognise::{DetectedSensor, Kind, is_about_device, sensor_of};
 use super::stream::message;
 use super::turn_assembler::TurnAssembler;
 use crate::Result;
 use crate::playback::{MessageStream, SensorMessage};
 use crate::stamped_cloud::StampedCloud;
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
 use std::net::IpAddr;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
@@ -14,6 +14,12 @@ use std::time::{Duration, Instant};
 
 /// How long a call waits for a packet.
 const POLL_INTERVAL: Duration = Duration::from_millis(20);
+/// A source is a sensor when so many packets of one kind have come from it, one after the other ...
+const CONSISTENT: usize = 8;
+/// ... and is given up for another when it has sent nothing for this long, seconds.
+const SILENCE: f64 = 5.0;
+/// Sources that are looked at, or spoken of, at a time.
+const CANDIDATES: usize = 16;
 
 /// A datagram of a sensor.
 #[derive(Clone, Debug)]
@@ -29,20 +35,35 @@ pub struct SensorPacket {
 /// A sensor that was recognised.
 struct Sensor {
     source: IpAddr,
+    kind: Kind,
     assembler: TurnAssembler,
     frame: &'static str,
+    /// When its last packet came, seconds.
+    last: f64,
 }
 
-/// The messages of a sensor whose datagrams come. The first one that is recognised says what sensor it is; what others send is ignored from then on.
+/// A source that may be a sensor.
+#[derive(Default)]
+struct Candidate {
+    /// The last packets, all of one kind.
+    packets: Vec<SensorPacket>,
+    kind: Option<Kind>,
+    /// What it has said about itself.
+    device: Option<Vec<u8>>,
+    /// A kind whose packets cannot be read, which was said.
+    refused: Option<Kind>,
+}
+
+/// The messages of a sensor whose datagrams come. The first source with some that belong together says what sensor it is; what others send is ignored, and
+/// said, until that one is silent.
 pub(crate) struct SpinningStream {
     packets: Receiver<SensorPacket>,
     /// The file with the angles of the beams, if there is one.
     angles: Option<PathBuf>,
     sensor: Option<Sensor>,
-    /// What a sensor that was not recognised yet said about itself.
-    device: Option<(IpAddr, Vec<u8>)>,
-    /// Whether it was said that packets cannot be read.
-    is_refused: bool,
+    candidates: BTreeMap<IpAddr, Candidate>,
+    /// Others than the sensor, of which it was said that they are ignored.
+    ignored: Vec<(IpAddr, Kind)>,
     /// Where the datagrams come from, for messages.
     origin: PathBuf,
     start: Instant,
@@ -51,30 +72,90 @@ pub(crate) struct SpinningStream {
 
 impl SpinningStream {
     pub(crate) fn new(packets: Receiver<SensorPacket>, angles: Option<PathBuf>, origin: PathBuf) -> Self {
-        Self { packets, angles, sensor: None, device: None, is_refused: false, origin, start: Instant::now(), pending: VecDeque::new() }
+        let (candidates, ignored, pending) = (BTreeMap::new(), Vec::new(), VecDeque::new());
+        Self { packets, angles, sensor: None, candidates, ignored, origin, start: Instant::now(), pending }
     }
 
-    fn add(&mut self, packet: &SensorPacket) -> Result<()> {
-        if self.sensor.is_none() && is_about_device(&packet.payload) {
-            // Perhaps it was refused for want of this.
-            (self.device, self.is_refused) = (Some((packet.source, packet.payload.clone())), false);
-            return Ok(());
-        }
-        if self.sensor.is_none() && !self.is_refused {
-            let device = self.device.as_ref().filter(|(source, _)| *source == packet.source).map(|(_, device)| device.clone());
-            let found = sensor_of(&packet.payload, self.angles.as_deref(), device, &self.origin).inspect_err(|_| self.is_refused = true)?;
-            self.sensor = found.map(|DetectedSensor { packets, frame, words }| {
-                tracing::info!("sensor: {words}, at {}", packet.source);
-                Sensor { source: packet.source, assembler: TurnAssembler::new(packets), frame }
-            });
-        }
-        if let Some(sensor) = self.sensor.as_mut().filter(|sensor| sensor.source == packet.source) {
-            sensor.assembler.add(&packet.payload, packet.time);
-            while let Some(scan) = sensor.assembler.take_scan() {
-                self.pending.push_back(cloud(scan, sensor.frame, &self.origin));
+    fn add(&mut self, packet: SensorPacket) -> Result<()> {
+        let kind = Kind::of(&packet.payload);
+        if let Some(sensor) = &mut self.sensor {
+            if sensor.source == packet.source && kind.is_none_or(|kind| kind == sensor.kind) {
+                self.candidates.clear();
+                self.assemble(&packet);
+                return Ok(());
+            }
+            if (packet.time - sensor.last).abs() < SILENCE {
+                let other = kind.map(|kind| (packet.source, kind)).filter(|other| self.ignored.len() < CANDIDATES && !self.ignored.contains(other));
+                if let Some((source, kind)) = other {
+                    tracing::warn!(
+                        "packets of a {} at {source} are ignored: the scans are those of a {} at {}",
+                        kind.name(),
+                        sensor.kind.name(),
+                        sensor.source
+                    );
+                    self.ignored.push((source, kind));
+                }
+                return Ok(());
             }
         }
+        self.consider(packet, kind)
+    }
+
+    /// Takes the source of a packet for a sensor if enough of its packets belong together.
+    fn consider(&mut self, packet: SensorPacket, kind: Option<Kind>) -> Result<()> {
+        let source = packet.source;
+        let is_device = is_about_device(&packet.payload);
+        if !is_device && kind.is_none() {
+            return Ok(());
+        }
+        if self.candidates.len() >= CANDIDATES && !self.candidates.contains_key(&source) {
+            let least = self.candidates.iter().min_by_key(|(_, candidate)| candidate.packets.len()).map(|(source, _)| *source);
+            least.map(|least| self.candidates.remove(&least));
+        }
+        let candidate = self.candidates.entry(source).or_default();
+        if is_device {
+            // Perhaps it was refused for want of this.
+            (candidate.device, candidate.refused) = (Some(packet.payload), None);
+            return Ok(());
+        }
+        let Some(kind) = kind.filter(|kind| candidate.refused != Some(*kind)) else { return Ok(()) };
+        if candidate.kind.replace(kind) != Some(kind) {
+            candidate.packets.clear();
+        }
+        candidate.packets.push(packet);
+        if candidate.packets.len() < CONSISTENT {
+            return Ok(());
+        }
+        let packets = std::mem::take(&mut candidate.packets);
+        let found =
+            sensor_of(kind, self.angles.as_deref(), candidate.device.clone(), &self.origin).inspect_err(|_| candidate.refused = Some(kind))?;
+        self.choose(source, kind, found);
+        packets.iter().for_each(|packet| self.assemble(packet));
         Ok(())
+    }
+
+    fn choose(&mut self, source: IpAddr, kind: Kind, found: DetectedSensor) {
+        let DetectedSensor { packets, frame, words } = found;
+        let new = Sensor { source, kind, assembler: TurnAssembler::new(packets), frame, last: f64::NEG_INFINITY };
+        match self.sensor.replace(new) {
+            None => tracing::info!("sensor: {words}, at {source}"),
+            Some(mut old) => {
+                tracing::warn!("the sensor at {} is silent; from now on the scans are those of another: {words}, at {source}", old.source);
+                self.pending.extend(old.assembler.take_unfinished().map(|scan| cloud(scan, old.frame, &self.origin)));
+            }
+        }
+        self.candidates.clear();
+        self.ignored.clear();
+    }
+
+    /// Adds a packet of the sensor to its scans.
+    fn assemble(&mut self, packet: &SensorPacket) {
+        let Some(sensor) = &mut self.sensor else { return };
+        sensor.last = packet.time;
+        sensor.assembler.add(&packet.payload, packet.time);
+        while let Some(scan) = sensor.assembler.take_scan() {
+            self.pending.push_back(cloud(scan, sensor.frame, &self.origin));
+        }
     }
 }
 
@@ -89,7 +170,7 @@ impl MessageStream for SpinningStream {
             return Some(Ok(message));
         }
         match self.packets.recv_timeout(POLL_INTERVAL) {
-            Ok(packet) => Some(self.add(&packet).map(|()| self.pending.pop_front().unwrap_or(SensorMessage::Other))),
+            Ok(packet) => Some(self.add(packet).map(|()| self.pending.pop_front().unwrap_or(SensorMessage::Other))),
             Err(RecvTimeoutError::Timeout) => Some(Ok(SensorMessage::Other)),
             // A turn that was not completed is worth mapping, too.
             Err(RecvTimeoutError::Disconnected) => {
@@ -101,5 +182,81 @@ impl MessageStream for SpinningStream {
 
     fn now(&self) -> f64 {
         self.start.elapsed().as_secs_f64()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::mpsc::{Sender, channel};
+    use voxelastic_testing::packets;
+
+    const SENSOR: [u8; 4] = [10, 0, 0, 1];
+    const OTHER: [u8; 4] = [10, 0, 0, 2];
+
+    fn stream() -> (Sender<SensorPacket>, SpinningStream) {
+        let (sender, packets) = channel();
+        (sender, SpinningStream::new(packets, None, "test".into()))
+    }
+
+    /// Packets of a sensor whose walls are `distance` metres away; the last turn is not complete.
+    fn packets(from: [u8; 4], start: f64, distance: f64) -> Vec<SensorPacket> {
+        let made = packets::velodyne(start, 2.8, |_| (distance, 9));
+        made.into_iter().map(|(time, payload)| SensorPacket { payload, source: from.into(), time }).collect()
+    }
+
+    /// Distances of the walls in the scans that come of the packets, and how many errors there were.
+    fn seen(stream: &mut SpinningStream, sent: Vec<SensorPacket>) -> (Vec<f32>, usize) {
+        let errors = sent.into_iter().filter_map(|packet| stream.add(packet).err()).count();
+        let distance = |message| match message {
+            SensorMessage::Cloud(cloud) => {
+                let cloud = (cloud.decode)().unwrap().cloud;
+                let [x, y, z] = cloud.points[0];
+                Some((x * x + y * y + z * z).sqrt().round())
+            }
+            _ => None,
+        };
+        (stream.pending.drain(..).filter_map(distance).collect(), errors)
+    }
+
+    /// As if it were of a product that is not known.
+    fn unknown(mut packet: SensorPacket) -> SensorPacket {
+        *packet.payload.last_mut().unwrap() = 0xff;
+        packet
+    }
+
+    #[test]
+    fn one_packet_does_not_choose_the_sensor() {
+        for (first, errors) in [(packets(OTHER, 0.0, 5.0).remove(0), 0), (unknown(packets(SENSOR, 0.0, 5.0).remove(0)), 0)] {
+            let (_sender, mut stream) = stream();
+            assert_eq!(seen(&mut stream, [vec![first], packets(SENSOR, 1.0, 8.0)].concat()), (vec![8.0, 8.0], errors));
+        }
+        // Nothing of the beginning is lost, and what comes between is left out.
+        let (_sender, mut stream) = stream();
+        let mut mixed = packets(SENSOR, 1.0, 8.0);
+        for k in (20..100).step_by(10) {
+            mixed.insert(k, unknown(mixed[k].clone()));
+            mixed.insert(k, packets(OTHER, 1.0, 5.0).remove(k));
+        }
+        assert_eq!(seen(&mut stream, mixed), (vec![8.0, 8.0], 0));
+        assert_eq!(stream.ignored.len(), 2, "said once of each");
+    }
+
+    #[test]
+    fn a_sensor_that_cannot_be_read_is_said_once_and_others_are_heard() {
+        let (_sender, mut stream) = stream();
+        let strange: Vec<_> = packets(SENSOR, 0.0, 5.0).into_iter().map(unknown).collect();
+        assert_eq!(seen(&mut stream, strange), (vec![], 1));
+        assert_eq!(seen(&mut stream, packets(SENSOR, 1.0, 8.0)), (vec![8.0, 8.0], 0));
+    }
+
+    #[test]
+    fn a_sensor_that_is_silent_is_given_up() {
+        let (_sender, mut stream) = stream();
+        assert_eq!(seen(&mut stream, packets(SENSOR, 1.0, 8.0)).0, [8.0, 8.0]);
+        assert_eq!(seen(&mut stream, packets(OTHER, 2.0, 5.0)).0, [0.0; 0], "the other was heard just now");
+        // The turn that the first one had begun comes, too.
+        assert_eq!(seen(&mut stream, packets(OTHER, 20.0, 5.0)).0, [8.0, 5.0, 5.0]);
+        assert_eq!(seen(&mut stream, packets(SENSOR, 20.3, 8.0)).0, [0.0; 0]);
     }
 }

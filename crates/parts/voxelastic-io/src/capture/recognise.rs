@@ -62,19 +62,21 @@ pub(super) enum Recognised {
 
 /// What a datagram is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-enum Kind {
+pub(super) enum Kind {
     Velodyne(Product),
     Hesai(hesai::ModelId),
     RoboSense(robosense::Kind),
 }
 
 impl Kind {
-    fn of(packet: &[u8]) -> Option<Self> {
+    /// Of a datagram with returns; none if it is of no sensor that is known.
+    pub(super) fn of(packet: &[u8]) -> Option<Self> {
         let hesai = || hesai::ModelId::of(packet).map(Self::Hesai);
         Product::of(packet).map(Self::Velodyne).or_else(hesai).or_else(|| robosense::Kind::of(packet).map(Self::RoboSense))
     }
 
-    fn name(self) -> String {
+    /// Its name.
+    pub(super) fn name(self) -> String {
         match self {
             Self::Velodyne(product) => format!("Velodyne {}", product.name()),
             Self::Hesai(id) => format!("Hesai {}", id.model().name),
@@ -148,20 +150,19 @@ pub(super) fn is_about_device(packet: &[u8]) -> bool {
     robosense::is_about_device(packet)
 }
 
-/// The sensor that sent a packet; none if it is of none that is known. Its beams have the `angles` of a file, if there is one, or what a packet about the `device`
+/// The sensor whose packets are of a kind. Its beams have the `angles` of a file, if there is one, or what a packet about the `device`
 /// says.
 ///
 /// # Errors
 /// [`Error::Dataset`] for sensors whose packets are not read; [`Error::Content`] if the file with the angles is damaged; [`Error::Io`].
-pub(super) fn sensor_of(packet: &[u8], angles: Option<&Path>, device: Option<Vec<u8>>, origin: &Path) -> Result<Option<DetectedSensor>> {
-    let Some(kind) = Kind::of(packet) else { return Ok(None) };
+pub(super) fn sensor_of(kind: Kind, angles: Option<&Path>, device: Option<Vec<u8>>, origin: &Path) -> Result<DetectedSensor> {
     let (make, note) = kind.make(Particulars { angles: angles.map(Path::to_owned), device }).map_err(|unsupported| match unsupported {
         UnsupportedSensor::Remedy(remedy) => Error::dataset(origin, format!("packets of a {}, which are not read", kind.name()), remedy),
         UnsupportedSensor::File(error) => error,
     })?;
     let sensor = SpinningSensor { make, source: 0, port: 0 };
     let words = note.map_or_else(|| kind.name(), |note| format!("{}; {note}", kind.name()));
-    Ok(Some(DetectedSensor { packets: sensor.packets()?, frame: sensor.frame(), words }))
+    Ok(DetectedSensor { packets: sensor.packets()?, frame: sensor.frame(), words })
 }
 
 /// The sensors that are read from their packets.

@@ -1,8 +1,8 @@
 //! Decoding JPEG and PNG.
 
 use super::camera::Camera;
-use crate::{Error, Position, Result};
-use image::{ImageFormat, ImageReader};
+use crate::{Error, Position, Result, unpacking};
+use image::{ImageFormat, ImageReader, Limits};
 use std::io::Cursor;
 use std::path::Path;
 use voxelastic_colour::Picture;
@@ -22,8 +22,18 @@ pub(crate) fn decode(bytes: &[u8], path: &Path, at: u64, camera: &Camera) -> Res
     if format == ImageFormat::Jpeg && is_cut(bytes) {
         return Err(damaged(format!("the JPEG is cut: it has {} bytes and no end", bytes.len())));
     }
-    let reader = || ImageReader::with_format(Cursor::new(bytes), format);
+    let limit = unpacking::limit(bytes.len() as u64);
+    let reader = || {
+        let mut reader = ImageReader::with_format(Cursor::new(bytes), format);
+        let mut limits = Limits::default();
+        limits.max_alloc = Some(limit);
+        reader.limits(limits);
+        reader
+    };
     let (width, height) = reader().into_dimensions().map_err(|e| damaged(format!("the image cannot be read: {e}")))?;
+    if 3 * u64::from(width) * u64::from(height) > limit {
+        return Err(damaged(format!("the image claims {width} x {height} pixels in {} bytes", bytes.len())));
+    }
     check_size([width as usize, height as usize], path, at, camera)?;
     let image = reader().decode().map_err(|e| damaged(format!("the image cannot be decoded: {e}")))?.into_rgb8();
     let pixels = image.as_raw().as_chunks::<3>().0.to_vec();
@@ -75,6 +85,17 @@ mod tests {
         assert_eq!(decoded(&encoded(ImageFormat::Png)).unwrap().pixels[24 * 3 + 5], [50, 45, 77]);
         let jpeg = decoded(&encoded(ImageFormat::Jpeg)).unwrap().pixels[24 * 3 + 5];
         assert!((0..3).all(|k| jpeg[k].abs_diff([50, 45, 77][k]) < 20), "{jpeg:?}");
+    }
+
+    #[test]
+    fn images_larger_than_their_files_can_hold_are_refused() {
+        let mut png = encoded(ImageFormat::Png);
+        // Width and height are the first numbers of the first chunk; then comes its checksum, after five bytes.
+        png[16..24].copy_from_slice(&[0, 0, 0x20, 0, 0, 0, 0x20, 0]);
+        let crc = crc32fast::hash(&png[12..29]).to_be_bytes();
+        png[29..33].copy_from_slice(&crc);
+        let error = decoded(&png).unwrap_err().to_string();
+        assert!(error.contains("8192 x 8192 pixels in"), "{error}");
     }
 
     #[test]

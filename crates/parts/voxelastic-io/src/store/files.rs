@@ -7,6 +7,7 @@ use std::io::{self, Read};
 use std::path::Path;
 use voxelastic::atlas::SubmapId;
 use voxelastic_files::failpoint::{self, Writes};
+use voxelastic_files::patiently;
 
 /// Name of the manifest.
 pub(super) const MANIFEST: &str = "manifest.json";
@@ -99,7 +100,7 @@ pub(super) fn write_and_name<T>(dir: &Path, meanwhile: &str, fill: impl FnOnce(&
             return Err(error);
         }
         failpoint::check("create", &path)?;
-        let mut file = Writes::new(File::options().write(true).create_new(true).open(&temporary)?, &path);
+        let mut file = Writes::new(patiently(|| File::options().write(true).create_new(true).open(&temporary))?, &path);
         let (name, value) = fill(&mut file)?;
         file.sync_all()?;
         drop(file);
@@ -162,8 +163,11 @@ pub(super) fn read(path: &Path, expected: Option<u64>) -> Result<Vec<u8>> {
     let too_large = || Error::OutOfMemory { path: path.to_owned(), bytes: length };
     let mut bytes = Vec::new();
     bytes.try_reserve_exact(usize::try_from(length).map_err(|_| too_large())?).map_err(|_| too_large())?;
-    let mut read = || failpoint::check("read", path).and_then(|()| File::open(path)?.take(length).read_to_end(&mut bytes));
-    read().map_err(Error::on_io("read", path))?;
+    let read = || {
+        bytes.clear();
+        failpoint::check("read", path).and_then(|()| File::open(path)?.take(length).read_to_end(&mut bytes))
+    };
+    patiently(read).map_err(Error::on_io("read", path))?;
     if bytes.len() as u64 != length { Err(wrong_size(path, bytes.len() as u64, length)) } else { Ok(bytes) }
 }
 

@@ -10,6 +10,7 @@ use std::fs::{self, File};
 use std::io;
 use std::path::Path;
 use voxelastic::Cloud;
+use voxelastic_files::Scratch;
 
 /// Coordinates are written in steps of this, metres.
 const STEP: f64 = 1e-4;
@@ -81,20 +82,14 @@ pub fn write(path: impl AsRef<Path>, survey: &SurveyCloud) -> Result<()> {
     if let Some(parent) = path.parent().filter(|p| !p.as_os_str().is_empty()) {
         fs::create_dir_all(parent).map_err(|e| Error::io(path, "write", e))?;
     }
-    // The writer makes a file that only its owner may read; what others may is what they may of every new file. What a killed program leaves is removed
-    // by the next write in the folder, by its name.
-    let name = path.file_name().unwrap_or_default().to_string_lossy();
-    let own = path.with_file_name(format!(".{name}.{}-copc.voxelastic.tmp", std::process::id()));
+    // The writer makes a file that only its owner may read, and others beside it; what others may is what they may of every new file.
+    let scratch = Scratch::beside(path).map_err(|e| Error::io(path, "write", e))?;
+    let own = scratch.folder().join("cloud.laz");
     let written = write_source(&own, &returns, survey.cloud.colours.is_some(), bounds, &CopcWriterParams::default(), &metadata);
-    let written = written.map_err(|e| match e {
+    written.map_err(|e| match e {
         copc_core::Error::Io { source, .. } => Error::io(path, "write", source),
         other => Error::unwritable(path, other.to_string()),
-    });
-    let copied = written.and_then(|()| {
-        // Locked, or the next write in this folder would take it for litter.
-        let mut file = File::open(&own).and_then(|file| file.lock().map(|()| file)).map_err(|e| Error::io(path, "write", e))?;
-        write_atomically(path, |w| io::copy(&mut file, w).map(drop))
-    });
-    let _ = fs::remove_file(&own);
-    copied
+    })?;
+    let mut file = File::open(&own).map_err(|e| Error::io(path, "write", e))?;
+    write_atomically(path, |w| io::copy(&mut file, w).map(drop))
 }

@@ -2,7 +2,7 @@
 
 use super::{Gather, SurveyCloud, check};
 use crate::file::{self, write_atomically};
-use crate::{Error, Position, Result};
+use crate::{Error, Position, Result, unpacking};
 use e57::{CartesianCoordinate, E57Reader, E57Writer, PointCloud, Quaternion, Record, RecordValue, Transform, Translation};
 use nalgebra::UnitQuaternion;
 use std::fs::File;
@@ -35,7 +35,9 @@ pub fn read(path: impl AsRef<Path>) -> Result<Vec<E57Scan>> {
 /// As [`read`], without [`Error::Io`].
 pub fn parse(bytes: &[u8], path: &Path) -> Result<Vec<E57Scan>> {
     let mut reader = E57Reader::new(Cursor::new(bytes)).map_err(|e| damaged(path, &e))?;
-    let scans = reader.pointclouds().iter().map(|described| scan(&mut reader, described, path)).collect::<Result<Vec<_>>>()?;
+    let described = reader.pointclouds();
+    check_claims(&described, bytes.len() as u64, path)?;
+    let scans = described.iter().map(|described| scan(&mut reader, described, path)).collect::<Result<Vec<_>>>()?;
     if scans.is_empty() { Err(Error::NoReturn { path: path.into(), points: 0 }) } else { Ok(scans) }
 }
 
@@ -59,15 +61,28 @@ pub fn read_one(path: impl AsRef<Path>, number: usize) -> Result<E57Scan> {
     let path = path.as_ref();
     let mut reader = open(path)?;
     let described = reader.pointclouds();
+    let length = path.metadata().map_or(0, |metadata| metadata.len());
     let Some(described) = described.get(number) else {
         let problem = format!("scan {number} is missing: there are {}", described.len());
         return Err(Error::content(path, Position::File, problem, "the file has changed: open it again"));
     };
+    check_claims(std::slice::from_ref(described), length, path)?;
     scan(&mut reader, described, path)
 }
 
+/// Refuses more points than a file of so many bytes can hold: what has the same value in all points takes no bits, and all of a point may.
+fn check_claims(scans: &[PointCloud], length: u64, path: &Path) -> Result<()> {
+    let (claimed, most) = (scans.iter().fold(0, |sum: u64, scan| sum.saturating_add(scan.records)), unpacking::most_points(length));
+    if claimed <= most {
+        return Ok(());
+    }
+    let problem = format!("{claimed} points are claimed by a file of {length} bytes, more than {most}");
+    Err(Error::content(path, Position::File, problem, "copy it again or export it anew"))
+}
+
 fn open(path: &Path) -> Result<E57Reader<BufReader<File>>> {
-    let file = File::open(path).map_err(|e| Error::io(path, "open", e))?;
+    voxelastic_files::note_read(path);
+    let file = voxelastic_files::patiently(|| File::open(path)).map_err(|e| Error::io(path, "open", e))?;
     E57Reader::new(BufReader::new(file)).map_err(|e| damaged(path, &e))
 }
 
@@ -165,4 +180,32 @@ fn write_scan(writer: &mut E57Writer<&mut Cursor<Vec<u8>>>, number: usize, scan:
         out.add_point(values)?;
     }
     out.finalize()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use e57::{RecordDataType, RecordName};
+
+    #[test]
+    fn points_that_take_hardly_a_bit_are_counted_against_the_file() {
+        let mut bytes = Cursor::new(Vec::new());
+        let mut writer = E57Writer::new(&mut bytes, "test").unwrap();
+        // A bit for one of two values, none for one of one.
+        let name = |(name, max)| Record { name, data_type: RecordDataType::ScaledInteger { min: 0, max, scale: 1.0, offset: 0.0 } };
+        let records = [(RecordName::CartesianX, 1), (RecordName::CartesianY, 0), (RecordName::CartesianZ, 0)].map(name).to_vec();
+        let mut scan = writer.add_pointcloud("bomb", records).unwrap();
+        let most = unpacking::most_points(0);
+        (0..=most).for_each(|_| scan.add_point(vec![RecordValue::ScaledInteger(0); 3]).unwrap());
+        scan.finalize().unwrap();
+        writer.finalize().unwrap();
+        drop(writer);
+        assert!(bytes.get_ref().len() < 400_000, "{}", bytes.get_ref().len());
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("bomb.e57");
+        std::fs::write(&path, bytes.get_ref()).unwrap();
+        for refused in [parse(bytes.get_ref(), &path).map(drop), read_one(&path, 0).map(drop)] {
+            assert!(refused.unwrap_err().to_string().contains("points are claimed"));
+        }
+    }
 }

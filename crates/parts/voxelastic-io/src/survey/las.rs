@@ -5,15 +5,13 @@
 use super::laz::exaggerates;
 use super::{CHUNK, Gather, SurveyCloud, check};
 use crate::file::{self, write_atomically};
-use crate::{Error, Position, Result};
+use crate::{Error, Position, Result, unpacking};
 use las::point::Format;
 use las::{Builder, Color, Point, Reader, Transform, Vector, Writer};
 use std::io::{Cursor, Write};
 use std::path::Path;
 use voxelastic::Cloud;
 
-/// No packing gets more points into a byte.
-const MOST_POINTS_PER_BYTE: u64 = 256;
 /// Points are decoded in parts of this size at most, or of [`CHUNK`] points.
 const CHUNK_BYTES: u64 = 1 << 24;
 /// Coordinates are written in steps of this, metres.
@@ -47,7 +45,7 @@ fn decode(bytes: Vec<u8>, path: &Path) -> Result<SurveyCloud> {
     let mut reader = Reader::new(Cursor::new(bytes)).map_err(fail)?;
     let (claimed, format) = (reader.header().number_of_points(), *reader.header().point_format());
     let length = u64::from(format.len()).max(1);
-    let most = if format.is_compressed { size * MOST_POINTS_PER_BYTE } else { size / length };
+    let most = if format.is_compressed { unpacking::most_points(size) } else { size / length };
     if claimed > most {
         let problem = format!("{claimed} points are claimed by a file that cannot hold more than {most}");
         return Err(Error::content(path, Position::File, problem, "copy it again or write it anew"));

@@ -14,6 +14,7 @@
 //! exact sweeps, or our own path shortened in the true world if that is shorter. The map does not contain all of the world, so a second reference is
 //! computed in the map: `exists_in_map`, and the length over that reference. A collision is a path along which the true distance falls below
 //! the radius minus one voxel. `seconds` shows how precisely the limit of time is kept.
+#![allow(clippy::print_stderr)]
 
 mod other;
 mod truth;

@@ -15,6 +15,7 @@ use voxelastic_run::export::cloud::{self, Format};
 /// The keys of `--json`.
 #[derive(Debug, Serialize)]
 struct Summary<'a> {
+    #[serde(serialize_with = "crate::output::path")]
     file: &'a Path,
     /// Submaps that were left out because they are damaged.
     submaps_damaged: usize,

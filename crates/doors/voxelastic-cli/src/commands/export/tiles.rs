@@ -17,6 +17,7 @@ use voxelastic_run::map_files;
 /// The keys of `--json`.
 #[derive(Debug, Serialize)]
 struct Summary<'a> {
+    #[serde(serialize_with = "crate::output::path")]
     folder: &'a Path,
     /// Submaps that were left out because they are damaged.
     submaps_damaged: usize,

@@ -30,8 +30,6 @@ pub struct MapInfo {
     blocks: u64,
     /// Blocks integrated at scales 0 to 3.
     blocks_by_scale: [u64; SCALES],
-    /// Memory of the loaded map, megabytes.
-    map_mb: f64,
     /// Size on disk, megabytes.
     file_mb: f64,
     /// Where the coordinates in the submaps' files are counted from, map frame; zero in most maps.
@@ -120,10 +118,8 @@ pub fn describe(path: &Path, check: bool, args: LoadArgs) -> anyhow::Result<MapI
     let (manifest, origin) = (store.manifest(), map_files::origin_of(&store)?);
     let mut blocks_by_scale = [0; SCALES];
     let mut path_bounds = Aabb::default();
-    let mut memory = 0;
     for entry in &manifest.submaps {
         (0..SCALES).for_each(|s| blocks_by_scale[s] += entry.tsdf.as_ref().map_or(0, |t| t.blocks_by_scale[s]));
-        memory += entry.tsdf.as_ref().map_or(0, |t| t.memory_bytes) + entry.occupancy.as_ref().map_or(0, |o| o.memory_bytes);
         for scan in &entry.scans {
             path_bounds.add((entry.t_map_submap * scan.t_submap_lidar).translation.vector.map(|c| c as f32).into());
         }
@@ -137,7 +133,6 @@ pub fn describe(path: &Path, check: bool, args: LoadArgs) -> anyhow::Result<MapI
         submaps_damaged: damaged,
         blocks: blocks_by_scale.iter().sum(),
         blocks_by_scale,
-        map_mb: megabytes(memory),
         file_mb: megabytes(store.bytes()),
         origin_m: origin.coordinates(),
         path_bounds_m: Bounds::around(&path_bounds, origin),
@@ -227,7 +222,6 @@ pub fn table(info: &MapInfo) -> Vec<(String, String)> {
         row("scans", info.scans),
         row("submaps", info.submaps.len()),
         row("blocks", format!("{} ({} at scales 0 to 3)", info.blocks, info.blocks_by_scale.map(|n| n.to_string()).join(" + "))),
-        row("in memory", format!("{:.1} MB", info.map_mb)),
         row("on disk", format!("{:.1} MB", info.file_mb)),
     ];
     if info.origin_m != [0.0; 3] {

@@ -28,6 +28,10 @@ pub struct NetworkArgs {
     /// Serve what is published to Foxglove, with or without ROS 2. Without an address on this machine only, at 127.0.0.1:8765
     #[arg(long, value_name = "ADDRESS:PORT", num_args = 0..=1, require_equals = true, default_missing_value = "127.0.0.1:8765")]
     foxglove: Option<SocketAddr>,
+    /// Let web pages of this origin, too, read what --view and --foxglove serve, such as https://viewer.example. May be given several times [default: at Foxglove's
+    /// port https://app.foxglove.dev]
+    #[arg(long, value_name = "ORIGIN", value_parser = origin)]
+    allow_origin: Vec<String>,
     /// Record the messages that come in, for `voxelastic map` and to be played again; and what is published, in a second file: FILE-map.mcap
     #[arg(long, value_name = "FILE.mcap", requires = "ros2")]
     record: Option<PathBuf>,
@@ -37,6 +41,11 @@ impl NetworkArgs {
     /// Whether anything is published.
     pub fn publishes(&self) -> bool {
         self.ros2.is_some() || self.foxglove.is_some()
+    }
+
+    /// Origins whose pages may read what is served.
+    pub fn origins(&self) -> Vec<String> {
+        self.allow_origin.clone()
     }
 
     /// What the node is to do.
@@ -53,6 +62,7 @@ impl NetworkArgs {
             is_local: self.local,
             use_sim_time: self.use_sim_time,
             foxglove: self.foxglove,
+            origins: self.origins(),
             record: self.record.clone(),
         }
     }
@@ -70,6 +80,17 @@ enum Travels {
     Zenoh,
 }
 
+/// As browsers send it: a scheme and a host, perhaps a port, nothing after it.
+fn origin(text: &str) -> Result<String, String> {
+    let host = text.split_once("://").filter(|(scheme, _)| scheme.bytes().all(|byte| byte.is_ascii_alphanumeric())).map(|(_, host)| host);
+    let is_host = |host: &str| host.bytes().all(|byte| byte.is_ascii_alphanumeric() || b".-:[]".contains(&byte));
+    if host.is_some_and(is_host) {
+        Ok(text.to_owned())
+    } else {
+        Err("must be as browsers send it, such as https://viewer.example or http://localhost:8080".to_owned())
+    }
+}
+
 /// Names of nodes are made of letters, digits and single underscores.
 fn node_name(text: &str) -> Result<String, String> {
     let is_word = text.chars().all(|c| c.is_ascii_alphanumeric() || c == '_') && !text.contains("__");
@@ -80,6 +101,12 @@ fn node_name(text: &str) -> Result<String, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn origins_are_checked() {
+        assert!(["https://viewer.example", "http://[::1]:80", "file://"].iter().all(|text| origin(text).is_ok()));
+        assert!(["viewer.example", "https://viewer.example/", "*", "https://a b", "null"].iter().all(|text| origin(text).is_err()));
+    }
 
     #[test]
     fn names_of_nodes_are_checked() {

@@ -14,6 +14,7 @@ use voxelastic_run::{Warning, usage};
 #[derive(Debug, Serialize)]
 pub struct Summary {
     /// The map.
+    #[serde(serialize_with = "crate::output::path")]
     output: PathBuf,
     /// Scans integrated.
     scans: usize,

@@ -95,6 +95,7 @@ pub struct MapArgs {
 #[derive(Debug, Serialize)]
 struct Summary {
     /// The map.
+    #[serde(serialize_with = "crate::output::path")]
     output: PathBuf,
     /// Scans integrated.
     scans: usize,

@@ -50,6 +50,7 @@ pub struct HeldoutArgs {
 /// The keys of `--json`.
 #[derive(Debug, Serialize)]
 struct Summary {
+    #[serde(serialize_with = "crate::output::path")]
     map: PathBuf,
     /// Submaps that were left out because they are damaged.
     submaps_damaged: usize,

@@ -135,6 +135,7 @@ fn laps(text: &str) -> Result<f64, String> {
 /// The keys of `--json`.
 #[derive(Debug, Serialize)]
 struct Summary {
+    #[serde(serialize_with = "crate::output::path")]
     output: PathBuf,
     world: String,
     /// Scans written.

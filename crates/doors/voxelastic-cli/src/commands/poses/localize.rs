@@ -18,6 +18,7 @@ use voxelastic::geometry::PoseExt;
 use voxelastic_eval::SeriesStats;
 use voxelastic_io::{Origin, dataset, poses};
 use voxelastic_run::HoldOut;
+use voxelastic_run::precision::LARGEST;
 use voxelastic_run::{map_files, surfaces};
 use voxelastic_slam::loops::{Localiser, LocaliserSettings, Whereabouts};
 
@@ -83,9 +84,11 @@ impl LocalizeArgs {
 /// The keys of `--json`.
 #[derive(Debug, Serialize)]
 struct Summary {
+    #[serde(serialize_with = "crate::output::path")]
     map: PathBuf,
     /// Submaps that were left out because they are damaged.
     submaps_damaged: usize,
+    #[serde(serialize_with = "crate::output::optional_path")]
     output: Option<PathBuf>,
     /// Scans that were tried.
     scans: usize,
@@ -257,10 +260,10 @@ fn numbers(pose: &Pose) -> [f64; 7] {
 }
 
 fn guess(text: &str) -> Result<Guess, String> {
-    let numbers: Option<Vec<f64>> = text.split(',').map(|n| n.trim().parse().ok().filter(|v: &f64| v.is_finite())).collect();
+    let numbers: Option<Vec<f64>> = text.split(',').map(|n| n.trim().parse().ok().filter(|v: &f64| v.abs() <= LARGEST)).collect();
     match numbers.as_deref() {
         Some([x, y, z]) => Ok((Vector3::new(*x, *y, *z), None)),
         Some([x, y, z, yaw]) => Ok((Vector3::new(*x, *y, *z), Some(yaw.to_radians()))),
-        _ => Err("must be three or four numbers: X,Y,Z in metres, and YAW in degrees".to_owned()),
+        _ => Err(format!("must be three or four numbers up to {LARGEST:e}: X,Y,Z in metres, and YAW in degrees")),
     }
 }

@@ -68,6 +68,7 @@ pub struct OdometryArgs {
 #[derive(Debug, Serialize)]
 struct Summary {
     /// The trajectory, if one was written.
+    #[serde(serialize_with = "crate::output::optional_path")]
     output: Option<PathBuf>,
     /// Scans that could not be read.
     unreadable: usize,

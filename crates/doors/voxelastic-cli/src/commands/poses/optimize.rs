@@ -38,6 +38,7 @@ pub struct OptimizeArgs {
 /// The keys of `--json`.
 #[derive(Debug, Serialize)]
 struct Summary {
+    #[serde(serialize_with = "crate::output::path")]
     output: PathBuf,
     nodes: usize,
     edges: usize,

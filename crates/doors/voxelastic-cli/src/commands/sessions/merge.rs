@@ -42,6 +42,7 @@ pub struct MergeArgs {
 /// The keys of `--json`.
 #[derive(Debug, Serialize)]
 struct Summary<'a> {
+    #[serde(serialize_with = "crate::output::path")]
     map: &'a Path,
     session: &'a SessionSummary,
     /// Submaps and scans in the map now.

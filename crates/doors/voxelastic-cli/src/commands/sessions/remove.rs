@@ -32,6 +32,7 @@ pub struct RemoveArgs {
 /// The keys of `--json`.
 #[derive(Debug, Serialize)]
 struct Summary<'a> {
+    #[serde(serialize_with = "crate::output::path")]
     map: &'a Path,
     session: u32,
     submaps_removed: usize,

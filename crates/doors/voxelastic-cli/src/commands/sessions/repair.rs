@@ -28,6 +28,7 @@ pub struct RepairArgs {
 /// The keys of `--json`.
 #[derive(Debug, Serialize)]
 struct Summary<'a> {
+    #[serde(serialize_with = "crate::output::path")]
     map: &'a Path,
     /// `whole`, or `rebuilt` from the submap files.
     manifest: &'static str,
@@ -37,6 +38,7 @@ struct Summary<'a> {
     /// Submap files that are damaged or missing.
     submaps_damaged: usize,
     /// Damaged files that were renamed: their present paths.
+    #[serde(serialize_with = "crate::output::paths")]
     set_aside: Vec<PathBuf>,
 }
 

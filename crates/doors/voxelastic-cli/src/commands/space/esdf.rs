@@ -76,6 +76,7 @@ enum Format {
 /// The keys of `--json`.
 #[derive(Debug, Serialize)]
 struct Summary<'a> {
+    #[serde(serialize_with = "crate::output::path")]
     file: &'a Path,
     /// Submaps that were left out because they are damaged.
     submaps_damaged: usize,

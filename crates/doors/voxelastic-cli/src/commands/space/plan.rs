@@ -20,10 +20,12 @@ use voxelastic_run::threads;
 /// The keys of `--json`.
 #[derive(Debug, Serialize)]
 struct Summary<'a> {
+    #[serde(serialize_with = "crate::output::path")]
     output: &'a Path,
     /// Submaps that were left out because they are damaged.
     submaps_damaged: usize,
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[serde(serialize_with = "crate::output::optional_path")]
     picture: Option<&'a Path>,
     #[serde(flatten)]
     figures: &'a file::Figures,

@@ -7,8 +7,9 @@ use std::fs;
 use std::ops::Range;
 use std::path::Path;
 use voxelastic::Pose;
+use voxelastic::atlas::{Submap, SubmapScan};
 use voxelastic::geometry::PoseExt;
-use voxelastic_io::store::{MapStore, ScanEntry, SubmapEntry};
+use voxelastic_io::store::{MapStore, MapWriter, ScanEntry, SessionEntry, SubmapEntry};
 use voxelastic_io::{pcd, poses};
 
 /// Two laps of a street, and each as a drive of its own; the second in a frame that is turned and far away.
@@ -185,6 +186,47 @@ fn what_does_not_belong_together_is_named() {
     fails(at, "map room --align 0,0,0", 2, &["--into"]);
     fails(at, "map room --into map.vox --align 1,2", 2, &["X,Y,Z"]);
     assert!(files(&at.join("map.vox")) == before);
+}
+
+#[test]
+fn a_session_is_not_put_where_numbers_have_no_room_for_it() {
+    let dir = tempfile::tempdir().unwrap();
+    let at = dir.path();
+    room::write(&at.join("room"), 12);
+    works(at, "map room -o map.vox --voxel-size 0.1");
+    works(at, "map room -o more.vox --voxel-size 0.1");
+    let before = files(&at.join("map.vox"));
+    for beyond in ["1e300,0,0", "0,1e12,0,90", "0 0 -2e8 0 0 0 1"] {
+        fails(at, &format!("map room --into map.vox --align={}", beyond.replace(' ', ",")), 2, &["--align", "metres"]);
+        fails(at, &format!("merge more.vox --into map.vox --align={}", beyond.replace(' ', ",")), 2, &["--align", "metres"]);
+    }
+    fails(at, "merge more.vox --into map.vox --align=1e7,0,0", 1, &["from the map's origin", "more than a voxel"]);
+    // What was mapped is kept, beside the map.
+    let apart = run(at, "map room --into map.vox --align=1e7,0,0");
+    assert!(apart.code == Some(3) && apart.err.contains("more than a voxel") && at.join("room.vox").is_dir(), "{}", apart.err);
+    fails(at, "map room -o x.vox --t-base-lidar 1e7,0,0,0,0,0,1", 2, &["--t-base-lidar", "metres"]);
+    assert!(!at.join("x.vox").exists() && files(&at.join("map.vox")) == before);
+    // A map that has one anyway is opened, and what is wrong with it taken out.
+    let more = MapStore::open(at.join("more.vox")).unwrap().load_atlas().unwrap();
+    let mut writer = MapWriter::open(at.join("map.vox")).unwrap();
+    let manifest = writer.store().manifest();
+    let (first, node_offset) = (manifest.submaps.last().unwrap().id + 1, manifest.next_node());
+    let last_submap = first + more.submaps().last().unwrap().id();
+    let far =
+        SessionEntry { number: 2, first_submap: first, last_submap, node_offset, scans: more.scan_count(), ..manifest.all_sessions()[0].clone() };
+    let sessions = [manifest.all_sessions(), vec![far]].concat();
+    let placed = |submap: &Submap| {
+        let scans = submap.scans().iter().map(|scan| SubmapScan { node: scan.node + node_offset, ..*scan }).collect();
+        let mut placed = submap.clone().with_id(submap.id() + first).with_scans(scans, submap.travelled());
+        placed.set_pose(Pose::translation(1e7, 0.0, 0.0));
+        placed
+    };
+    writer.add_session(&more, placed, sessions).unwrap();
+    drop(writer);
+    fails(at, "mesh map.vox -o map.ply", 1, &["voxelastic remove MAP --session N"]);
+    works(at, "info map.vox");
+    works(at, "remove map.vox --session 2");
+    works(at, "mesh map.vox -o map.ply");
 }
 
 #[test]

@@ -12,3 +12,5 @@ pub(super) mod out_of_memory;
 pub(super) mod reliability;
 #[cfg(unix)]
 pub(super) mod resume;
+#[cfg(target_os = "linux")]
+pub(super) mod strange_names;

@@ -55,3 +55,22 @@ fn a_length_that_nobody_has_memory_for_is_an_error_of_the_file() {
     let done = json(dir, "map room -o a.vox --voxel-size 0.1 --json");
     assert_eq!((done["scans"].as_u64(), done["scans_skipped"].as_u64()), (Some(2), Some(1)));
 }
+
+/// A large request that is refused ends the command as a small one does, and the file is named.
+#[test]
+fn a_large_scan_that_nobody_has_memory_for_is_named() {
+    let temporary = tempfile::tempdir().unwrap();
+    let dir = temporary.path();
+    room::write(&dir.join("room"), 3);
+    let points = 35_000_000;
+    let head = format!("VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH {points}\nHEIGHT 1\nPOINTS {points}\nDATA binary\n");
+    let scan = dir.join("room/scans/000001.pcd");
+    std::fs::write(&scan, &head).unwrap();
+    std::fs::File::options().write(true).open(&scan).unwrap().set_len(head.len() as u64 + 12 * points).unwrap();
+    // Enough for the bytes of the file, and not for its points.
+    let script = "ulimit -v 1000000; exec \"$0\" map room -o a.vox --threads 1";
+    let output = Command::new("sh").args(["-c", script, env!("CARGO_BIN_EXE_voxelastic")]).current_dir(dir).stdin(Stdio::null()).output().unwrap();
+    let message = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(1), "{message}");
+    assert!(["error: out of memory", "room/scans/00000", "--memory"].iter().all(|words| message.contains(words)), "{message}");
+}

@@ -30,9 +30,6 @@ pub fn content(map: &Path) -> BTreeMap<String, Vec<u8>> {
             let mut manifest: serde_json::Value = serde_json::from_slice(&fs::read(&path).unwrap()).unwrap();
             manifest["crc32"].take();
             manifest["sessions"].as_array_mut().into_iter().flatten().for_each(|session| drop(session["added"].take()));
-            for submap in manifest["submaps"].as_array_mut().unwrap() {
-                ["tsdf", "occupancy"].into_iter().for_each(|field| drop(submap.get_mut(field).map(|field| field["memory_bytes"].take())));
-            }
             files.insert(name, manifest.to_string().into_bytes());
         } else if path.is_file() && ![".lock", "run.json"].contains(&name.as_str()) {
             files.insert(name, fs::read(&path).unwrap());

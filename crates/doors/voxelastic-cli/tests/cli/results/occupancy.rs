@@ -59,7 +59,7 @@ fn info_reports_free_space_by_size_of_cubes() {
     store.manifest().submaps.iter().for_each(|s| expected.add(&store.load_submap(s.id).unwrap().occupancy().volumes()));
     assert_eq!(free.len(), expected.free.len());
     assert!(free.iter().zip(&expected.free).all(|(m3, voxels)| (m3 - *voxels as f64 * 0.001).abs() < 1e-3), "{free:?} {expected:?}");
-    assert!(free.iter().sum::<f64>() > 20.0 && info["map_mb"].as_f64().unwrap() > 0.1, "{info}");
+    assert!(free.iter().sum::<f64>() > 20.0, "{info}");
 }
 
 #[test]

@@ -78,7 +78,7 @@ fn the_map_grows_bends_and_comes_back() {
     let mut node = Node { mapper: Mapper::new(settings).unwrap(), publisher: Publisher::new(Arc::clone(&scene), 0) };
     node.scan(0);
     node.settle();
-    let viewer = Viewer::start(Arc::clone(&scene), "corridor", ([127, 0, 0, 1], 0).into(), None).unwrap();
+    let viewer = Viewer::start(Arc::clone(&scene), "corridor", ([127, 0, 0, 1], 0).into(), Vec::new(), None).unwrap();
     let profile = tempfile::tempdir().unwrap();
     let address = viewer.address();
     let Some(mut page) = Browser::open(&format!("http://{address}/"), profile.path()) else { return };
@@ -149,7 +149,7 @@ fn the_map_grows_bends_and_comes_back() {
     let all = page.value("voxelastic.view.triangles");
     drop(viewer);
     page.wait("document.getElementById('state').dataset.state === 'lost'");
-    let _viewer = Viewer::start(scene, "corridor", address, None).unwrap();
+    let _viewer = Viewer::start(scene, "corridor", address, Vec::new(), None).unwrap();
     page.wait("document.getElementById('state').dataset.state === 'connected' && voxelastic.seen.connections === 2");
     page.wait(&format!("voxelastic.view.triangles === {all}"));
     node.scan(12);

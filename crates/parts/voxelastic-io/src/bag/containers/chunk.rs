@@ -3,11 +3,6 @@
 use std::fmt;
 use std::io::{self, Read};
 
-/// A chunk that claims to decompress to more than this many times its size is damaged or malicious.
-const LARGEST_RATIO: u64 = 4096;
-/// Largest plausible chunk, bytes.
-const LARGEST_CHUNK: u64 = 1 << 30;
-
 /// Compression of a chunk.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Compression {
@@ -23,11 +18,6 @@ pub(crate) type Decompressed = (Vec<u8>, Option<io::Error>);
 pub(crate) trait ChunkCache: fmt::Debug + Send {
     /// The chunk whose `compressed_size` bytes are at offset `at` of the file, if it has been decompressed ahead.
     fn take(&mut self, at: u64, compressed_size: u64) -> Option<Decompressed>;
-}
-
-/// Whether a chunk of `compressed` bytes may decompress to `size` bytes.
-pub(crate) fn is_plausible(compressed: u64, size: u64) -> bool {
-    size <= LARGEST_CHUNK && size <= LARGEST_RATIO.saturating_mul(compressed.max(256))
 }
 
 /// Decompresses up to `size` bytes.

@@ -1,7 +1,7 @@
 //! Sequential reading of a recording, with compressed chunks decompressed transparently.
 
-use super::chunk::{ChunkCache, Compression, decompress, is_plausible};
-use crate::{Error, Position, Result};
+use super::chunk::{ChunkCache, Compression, decompress};
+use crate::{Error, Position, Result, unpacking};
 use std::fs::File;
 use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
@@ -34,7 +34,8 @@ pub(crate) struct ChunkReader {
 impl ChunkReader {
     pub(crate) fn open(path: &Path) -> Result<Self> {
         let fail = |e| Error::io(path, "read", e);
-        let file = File::open(path).map_err(fail)?;
+        voxelastic_files::note_read(path);
+        let file = voxelastic_files::patiently(|| File::open(path)).map_err(fail)?;
         let len = file.metadata().map_err(fail)?.len();
         let file = BufReader::with_capacity(1 << 18, file);
         Ok(Self { path: path.into(), file, len, next: 0, chunk: None, in_place_until: 0, can_continue: false, cache: None })
@@ -150,7 +151,7 @@ impl ChunkReader {
         let bytes = if ready.is_some() { self.skip(held).map(|()| Vec::new())? } else { self.take(held)? };
         self.can_continue = true;
         let damaged = |problem: String| Error::content(&self.path, Position::Byte(at), problem, "copy or record the file again");
-        if !is_plausible(compressed, size) {
+        if size > unpacking::limit(compressed) {
             return Err(damaged(format!("a chunk of {compressed} bytes claims to decompress to {size}")));
         }
         let (bytes, failed) = ready.unwrap_or_else(|| decompress(compression, &bytes, size));

@@ -3,8 +3,9 @@
 //! A second reader runs ahead in the file and only looks for chunks. The results are a cache by offset in the file: whether a chunk is in it
 //! affects time only.
 
-use super::chunk::{ChunkCache, Compression, Decompressed, decompress, is_plausible};
+use super::chunk::{ChunkCache, Compression, Decompressed, decompress};
 use super::chunk_reader::ChunkReader;
+use crate::unpacking;
 use std::collections::VecDeque;
 use std::path::Path;
 use std::thread::{self, JoinHandle};
@@ -48,7 +49,7 @@ impl ChunkPrefetcher {
         while self.pending.len() < self.most {
             let Some(ChunkHeader { compression, compressed, size }) = (self.find)(&mut self.lookahead) else { return };
             let at = self.lookahead.position();
-            if size > LARGEST || !is_plausible(compressed, size) {
+            if size > LARGEST.min(unpacking::limit(compressed)) {
                 if self.lookahead.skip(compressed).is_err() {
                     return;
                 }

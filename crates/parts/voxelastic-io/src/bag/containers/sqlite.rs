@@ -2,14 +2,12 @@
 
 use super::chunk::{Compression, decompress};
 use super::container::{Container, Encoding, Index, Message, Topic};
-use crate::{Error, Position, Result};
+use crate::{Error, Position, Result, unpacking};
 use rusqlite::{Connection, ErrorCode, OpenFlags, params};
 use std::collections::{HashMap, VecDeque};
 use std::path::{Path, PathBuf};
 
 const ZSTD_MAGIC: &[u8] = &[0x28, 0xb5, 0x2f, 0xfd];
-/// Largest plausible message, bytes.
-const LARGEST_MESSAGE: u64 = 1 << 30;
 /// Rows read by one query.
 const ROWS: i64 = 16;
 
@@ -31,6 +29,7 @@ impl Sqlite {
             let problem = format!("not readable as a ROS 2 bag: {e}");
             Error::content(path, Position::File, problem, "copy or record it again; `ros2 bag reindex` may help")
         };
+        voxelastic_files::note_read(path);
         let database = Connection::open_with_flags(path, OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX).map_err(fail)?;
         let mut bag = Self {
             path: path.into(),
@@ -108,24 +107,26 @@ impl Sqlite {
             read += 1;
             let Some(&topic) = self.topic_of.get(&topic).filter(|t| wanted(&self.topics[**t])) else { continue };
             let data: Vec<u8> = row.get(3)?;
-            let message = decompressed(data).map(|data| Message { topic, time_ns, at: id.unsigned_abs(), data });
-            self.ready.push_back(message.map_err(|error| {
-                let problem = format!("the message in row {id} cannot be decompressed: {error}");
-                Error::content(&self.path, Position::File, problem, "copy or record it again")
-            }));
+            self.ready.push_back(Ok(Message { topic, time_ns, at: id.unsigned_abs(), data }));
         }
         Ok(read)
     }
 }
 
 /// Decompresses a message: they may be compressed one by one.
-fn decompressed(data: Vec<u8>) -> std::io::Result<Vec<u8>> {
-    if !data.starts_with(ZSTD_MAGIC) {
-        return Ok(data);
+fn decompressed(message: Message, path: &Path) -> Result<Message> {
+    if !message.data.starts_with(ZSTD_MAGIC) {
+        return Ok(message);
     }
-    match decompress(Compression::Zstd, &data, LARGEST_MESSAGE) {
-        (bytes, None) => Ok(bytes),
-        (_, Some(error)) => Err(error),
+    let damaged = |problem: String| {
+        let problem = format!("the message in row {} cannot be decompressed: {problem}", message.at);
+        Error::content(path, Position::File, problem, "copy or record it again")
+    };
+    let limit = unpacking::limit(message.data.len() as u64);
+    match decompress(Compression::Zstd, &message.data, limit + 1) {
+        (_, Some(error)) => Err(damaged(error.to_string())),
+        (data, None) if data.len() as u64 > limit => Err(damaged(format!("its {} bytes become more than {limit}", message.data.len()))),
+        (data, None) => Ok(Message { data, ..message }),
     }
 }
 
@@ -142,6 +143,47 @@ impl Container for Sqlite {
         while self.ready.is_empty() && !self.finished {
             self.read_rows(wanted);
         }
-        self.ready.pop_front()
+        // One at a time: they may be much larger than what is stored.
+        let next = self.ready.pop_front()?;
+        Some(next.and_then(|message| decompressed(message, &self.path)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A bag with these messages on one topic.
+    fn bag(path: &Path, messages: &[Vec<u8>]) {
+        let database = Connection::open(path).unwrap();
+        database
+            .execute_batch(
+                "CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT, serialization_format TEXT);
+                 CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data BLOB);
+                 INSERT INTO topics VALUES(1, '/points', 'sensor_msgs/msg/PointCloud2', 'cdr');",
+            )
+            .unwrap();
+        for (k, message) in messages.iter().enumerate() {
+            database.execute("INSERT INTO messages VALUES(?1, 1, ?1, ?2)", params![k as i64 + 1, message]).unwrap();
+        }
+    }
+
+    #[test]
+    fn messages_that_grow_beyond_reason_are_refused_one_by_one() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("bombs.db3");
+        let packed = |length: usize| zstd::bulk::compress(&vec![0; length], 1).unwrap();
+        let bomb = packed(unpacking::limit(0) as usize + 1);
+        assert!(bomb.len() < 10_000);
+        bag(&path, &[[vec![bomb; 3], vec![packed(1000)]].concat(), vec![vec![1, 2, 3]]].concat());
+        let mut found = Sqlite::open(&path).unwrap();
+        let results: Vec<_> = std::iter::from_fn(|| found.next(&|_| true)).collect();
+        assert_eq!(results.len(), 5);
+        for bomb in &results[..3] {
+            let text = bomb.as_ref().unwrap_err().to_string();
+            assert!(text.contains("bombs.db3") && text.contains("become more than"), "{text}");
+        }
+        let lengths: Vec<usize> = results[3..].iter().map(|message| message.as_ref().unwrap().data.len()).collect();
+        assert_eq!(lengths, [1000, 3]);
     }
 }

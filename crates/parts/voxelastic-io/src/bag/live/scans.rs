@@ -83,7 +83,7 @@ impl LiveScans {
         Self { player: RawPlayer::new(Box::new(stream), mount, Arc::clone(&log)), frames: LiveFrames::new(log) }
     }
 
-    /// Of the datagrams of a sensor that turns, Velodyne's or Hesai's, as they come from `origin`. The first that is recognised says which it is; a Hesai has the
+    /// Of the datagrams of a sensor that turns, Velodyne's or Hesai's, as they come from `origin`. The first that belong together say which it is, until it is silent; a Hesai has the
     /// `angles` of a file, if one is given. It ends when their sender does.
     pub fn of_spinning(packets: Receiver<SensorPacket>, origin: &str, angles: Option<PathBuf>) -> Self {
         let log = Arc::new(PlaybackLog::of_passing_scans());

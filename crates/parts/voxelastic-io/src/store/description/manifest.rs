@@ -99,8 +99,6 @@ pub struct SubmapEntry {
 pub struct TsdfSummary {
     /// Blocks integrated at scales 0 to 3.
     pub blocks_by_scale: [u64; SCALES],
-    /// Bytes in memory when the map was saved.
-    pub memory_bytes: u64,
 }
 
 /// Size of a submap's occupancy field.
@@ -110,8 +108,6 @@ pub struct OccupancySummary {
     pub octants: u64,
     /// Blocks that hold voxels at scales 0 to 3.
     pub blocks_by_scale: [u64; SCALES],
-    /// Bytes in memory when the map was saved.
-    pub memory_bytes: u64,
 }
 
 impl SubmapEntry {
@@ -119,12 +115,8 @@ impl SubmapEntry {
     pub(in crate::store) fn new(piece: &Piece<'_>, name: SubmapName, written: Written) -> Self {
         let submap = piece.submap;
         let (tsdf, occupancy) = (submap.tsdf(), submap.occupancy());
-        let of_tsdf = || TsdfSummary { blocks_by_scale: tsdf.blocks_by_scale().map(|n| n as u64), memory_bytes: tsdf.bytes() as u64 };
-        let of_occupancy = || OccupancySummary {
-            octants: occupancy.tree().octants() as u64,
-            blocks_by_scale: occupancy.arrays().map(|n| n as u64),
-            memory_bytes: occupancy.bytes() as u64,
-        };
+        let of_tsdf = || TsdfSummary { blocks_by_scale: tsdf.blocks_by_scale().map(|n| n as u64) };
+        let of_occupancy = || OccupancySummary { octants: occupancy.tree().octants() as u64, blocks_by_scale: occupancy.arrays().map(|n| n as u64) };
         Self {
             id: submap.id(),
             file: name.to_string(),

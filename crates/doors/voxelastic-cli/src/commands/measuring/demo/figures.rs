@@ -22,12 +22,16 @@ pub struct Figures {
     /// The measurements.
     pub rows: Vec<Row>,
     /// The folder.
+    #[serde(serialize_with = "crate::output::path")]
     pub output: PathBuf,
     /// The page.
+    #[serde(serialize_with = "crate::output::path")]
     pub report: PathBuf,
     /// The picture of the elastic map.
+    #[serde(serialize_with = "crate::output::path")]
     pub picture: PathBuf,
     /// The picture of both maps from above, that with odometry alone on the left.
+    #[serde(serialize_with = "crate::output::path")]
     pub closures: PathBuf,
     /// From start to written page, seconds.
     pub total_s: f64,

@@ -12,10 +12,12 @@ use voxelastic_eval::occupancy::OccupancyScores;
 #[derive(Debug, Serialize)]
 pub struct Summary {
     /// The measured map, mesh or cloud.
+    #[serde(serialize_with = "crate::output::path")]
     pub map: PathBuf,
     /// Submaps that were left out because they are damaged.
     pub submaps_damaged: usize,
     /// The truth.
+    #[serde(serialize_with = "crate::output::path")]
     pub truth: PathBuf,
     /// `cloud`, `mesh`, `world` or `poses`.
     pub truth_kind: &'static str,
@@ -32,6 +34,7 @@ pub struct Summary {
     /// Errors of the poses; `null` if the truth has no poses of scans in the map.
     pub trajectory: Option<TrajectoryErrors>,
     /// The file of `--error-ply`.
+    #[serde(serialize_with = "crate::output::optional_path")]
     pub error_ply: Option<PathBuf>,
     /// Total time, seconds.
     pub total_s: f64,

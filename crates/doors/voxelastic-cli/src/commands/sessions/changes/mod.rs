@@ -98,6 +98,7 @@ struct Summary<'a> {
     least_area_m2: f64,
     /// Submaps that were left out because they are damaged.
     submaps_damaged: usize,
+    #[serde(serialize_with = "crate::output::paths")]
     files: Vec<&'a Path>,
     seconds: f64,
 }

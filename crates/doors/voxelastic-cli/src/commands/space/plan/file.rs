@@ -19,6 +19,7 @@ const FORMAT: u32 = 1;
 pub struct PathFile {
     format: u32,
     generator: &'static str,
+    #[serde(serialize_with = "crate::output::path")]
     map: PathBuf,
     frame: &'static str,
     #[serde(flatten)]

@@ -13,6 +13,7 @@ use voxelastic_run::map_files::LoadedMap;
 /// The keys of `--json` for a recheck.
 #[derive(Debug, Serialize)]
 struct Summary<'a> {
+    #[serde(serialize_with = "crate::output::path")]
     recheck: &'a Path,
     /// Submaps that were left out because they are damaged.
     submaps_damaged: usize,
