@@ -96,7 +96,7 @@ impl Summary {
     fn of(source: &Source, found: &Examination, flags: Option<String>, warnings: &Warnings, picture: Option<&Path>) -> Self {
         let sample = &found.sample;
         let mut clouds: Vec<(usize, f32)> = sample.clouds.iter().map(|(returns, range, _)| (*returns, *range)).collect();
-        clouds.sort_by(|a, b| a.0.cmp(&b.0));
+        clouds.sort_by_key(|(returns, _)| *returns);
         let (returns, range_m) = clouds.get(clouds.len() / 2).copied().unwrap_or_default();
         let poses = found.poses.as_ref().map(|check| Poses {
             verdict: match check.verdict {

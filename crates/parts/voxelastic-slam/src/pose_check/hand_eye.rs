@@ -1,6 +1,6 @@
 //! Where the lidar is on the body whose poses are given, from how both move.
 
-use super::motions::Motion;
+use super::motions::{Motion, middle};
 use nalgebra::{Matrix3, Matrix6, Translation3, UnitQuaternion, Vector3, Vector6};
 use voxelastic::geometry::Pose;
 
@@ -80,7 +80,7 @@ pub(super) fn mounting(given: &[Pose], motions: &[Motion], guess: &Pose) -> Opti
     }
     // What the motions leave says how exact they are.
     let residuals: Vec<f64> = given.iter().zip(motions).map(|(base, motion)| residual(base, &motion.measured, &x).norm_squared() / 6.0).collect();
-    let scatter = super::middle(residuals.into_iter()).max(1.0);
+    let scatter = middle(residuals.into_iter()).max(1.0);
     let covariance = information.try_inverse()? * scatter;
     Some(Mounting { t_base_lidar: x, covariance })
 }

@@ -3,6 +3,7 @@
 //! Where the two disagree by more than drift explains, other readings of the poses are tried ([`PoseChange`], another frame on the same body), and the one under
 //! which they agree is named. Nothing is changed here.
 
+mod conventions;
 mod hand_eye;
 mod motions;
 mod readings;
@@ -12,7 +13,7 @@ pub use motions::CheckScan;
 pub use readings::Reading;
 
 use hand_eye::mounting;
-use motions::{Motion, discrepancy, measure, measure_from_anywhere};
+use motions::{Motion, discrepancy, measure, measure_from_anywhere, middle};
 use rayon::prelude::*;
 use voxelastic::geometry::Pose;
 
@@ -106,13 +107,6 @@ fn judged(motions: &[Motion]) -> PoseCheck {
     let agreeing = off.iter().filter(|off| off.is_small()).count();
     let median = (middle(off.iter().map(|off| off.metres)), middle(off.iter().map(|off| off.radians)));
     PoseCheck { pairs: motions.len(), agreeing, median, verdict: Verdict::Undecided }
-}
-
-/// The middle one; 0 of none.
-fn middle(values: impl Iterator<Item = f64>) -> f64 {
-    let mut values: Vec<f64> = values.collect();
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(0.0)
 }
 
 /// Whether the sensor moved, and not only by its poses: its own pattern on smooth surfaces looks as if it stood still.

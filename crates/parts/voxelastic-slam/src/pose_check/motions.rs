@@ -1,6 +1,6 @@
 //! How the sensor moved between two scans, by their surfaces.
 
-use super::readings::{CONVENTIONS, quarter_turns};
+use super::conventions::{CONVENTIONS, quarter_turns};
 use crate::loops::{PlaceScan, levels, registration_settings, surfels, thinned};
 use crate::registration::{Downsampler, LocalMap, Registration, Surfel, automatic_voxel_size, ranked, register, search};
 use nalgebra::Translation3;
@@ -132,6 +132,13 @@ pub(super) fn measure_from_anywhere(first: &CheckScan, second: &CheckScan, track
     let sharp =
         found.into_iter().next().filter(|_| is_clear).and_then(|found| register(&pair.points, &found.t_map_lidar, &pair.levels, SIGMA, &settings));
     pair.measured(None, sharp)
+}
+
+/// The middle one; 0 of none.
+pub(super) fn middle(values: impl Iterator<Item = f64>) -> f64 {
+    let mut values: Vec<f64> = values.collect();
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(0.0)
 }
 
 struct Pair {

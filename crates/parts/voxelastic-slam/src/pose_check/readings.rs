@@ -1,15 +1,11 @@
 //! Other readings of poses, and the one under which they agree with the scans.
 
+use super::conventions::{CONVENTIONS, quarter_turns};
 use super::hand_eye::{Mounting, mounting, rotation};
-use super::motions::{Motion, discrepancy};
-use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
+use super::motions::{Motion, discrepancy, middle};
+use nalgebra::UnitQuaternion;
 use voxelastic::geometry::{Pose, PoseChange, PoseExt};
 
-/// Ways to write a pose down that are mixed up.
-pub(super) const CONVENTIONS: [PoseChange; 4] = {
-    let plain = PoseChange { inverse: false, w_first: false, scale: 1.0, rows: 0, seconds: 0.0 };
-    [plain, PoseChange { w_first: true, ..plain }, PoseChange { inverse: true, ..plain }, PoseChange { inverse: true, w_first: true, ..plain }]
-};
 /// Units of length that are mixed up.
 const SCALES: [f64; 5] = [1.0, 1e-3, 1e-2, 1e2, 1e3];
 /// Rows that may be missing, or too many.
@@ -100,7 +96,7 @@ fn rated(raw: &[(f64, Pose)], said: &Pose, motions: &[Motion], change: PoseChang
     let of_seconds = if change.seconds == 0.0 { 0.0 } else { PRICE_OF_SECONDS };
     let price = of_seconds + PRICE * flags.iter().filter(|is_changed| **is_changed).count() as f64;
     let left = off.iter().map(|off| off.sigmas.min(MOST)).sum::<f64>() / off.len().max(1) as f64;
-    let median = (super::middle(off.iter().map(|off| off.metres)), super::middle(off.iter().map(|off| off.radians)));
+    let median = (middle(off.iter().map(|off| off.metres)), middle(off.iter().map(|off| off.radians)));
     let agreeing = off.iter().filter(|off| off.is_small()).count();
     Some(Reading { change, mounting, is_other_frame: is_turned || is_moved, pairs: off.len(), agreeing, median, cost: left + price })
 }
@@ -155,24 +151,4 @@ fn at(track: &[(f64, Pose)], time: f64) -> Option<Pose> {
     let share = (time - t0) / (t1 - t0);
     let rotation = a.rotation.try_slerp(&b.rotation, share, 1e-9)?;
     Some(Pose::from_parts(a.translation.vector.lerp(&b.translation.vector, share).into(), rotation))
-}
-
-/// The 24 rotations that turn axes into axes.
-pub(super) fn quarter_turns() -> Vec<UnitQuaternion<f64>> {
-    let axes = [Vector3::x(), Vector3::y(), Vector3::z(), -Vector3::x(), -Vector3::y(), -Vector3::z()];
-    let pairs = axes.iter().flat_map(|x| axes.iter().filter(|y| x.dot(y) == 0.0).map(move |y| (*x, *y)));
-    pairs.map(|(x, y)| UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[x, y, x.cross(&y)])))).collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn there_are_24_turns() {
-        let turns = quarter_turns();
-        assert_eq!(turns.len(), 24);
-        assert!(turns.iter().enumerate().all(|(k, a)| turns[..k].iter().all(|b| a.angle_to(b) > 1.0)));
-        assert!(turns.iter().any(|turn| turn.angle() < 1e-12));
-    }
 }

@@ -95,7 +95,7 @@ fn folder(clouds: &Path, times: &[f64], poses: &[Pose], name: &str) -> PathBuf {
         std::os::unix::fs::symlink(clouds, link).unwrap();
     }
     let stamped: Vec<(f64, Pose)> = times.iter().copied().zip(poses.iter().copied()).collect();
-    write_tum(&folder.join("poses.tum"), &stamped).unwrap();
+    write_tum(folder.join("poses.tum"), &stamped).unwrap();
     folder
 }
 
