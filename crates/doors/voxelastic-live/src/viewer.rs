@@ -7,7 +7,7 @@
 //! | `/health` | the figures of the node, as JSON |
 //! | `POST /save`, `/mesh`, `/pause`, `/resume`, `/reset`, `/load` with the path of a map, `/explore`, `/explore/pause`, `/explore/home` | what [`Request`] says, for those who send the token: `Authorization: Bearer TOKEN` |
 //!
-//! It serves what is in a [`Scene`], to those whom [`HttpServer`] lets in. Without a token it changes nothing.
+//! It serves what is in a [`Scene`], to those whom `HttpServer` lets in. Without a token it changes nothing.
 
 use crate::http::{HttpServer, Place};
 use crate::page;
