@@ -247,6 +247,11 @@ fn choose_poses(summary: &RecordingSummary, path: &Path, clouds: &str, requested
             _ => return Err(Error::Ambiguous { path: path.into(), what: "topics of poses", flag: "--pose-topic", choices: names }),
         }
     }
+    if moving.is_none() && summary.tree.is_apart(&frame) {
+        let problem = format!("nothing in /tf leads from {frame}, the frame of {clouds}, to a frame that moves; the frames are: {}", summary.tree.drawing());
+        let remedy = "name a topic of poses with --pose-topic and give the mounting with --t-base-lidar, name a trajectory with --poses, or let --slam estimate the poses";
+        return Err(Error::dataset(path, problem, remedy));
+    }
     moving.cloned().ok_or_else(|| {
         let remedy = "name a trajectory with times (TUM, Newer College) with --poses, such as the one that your SLAM system wrote or that `voxelastic odometry` makes";
         Error::no_poses(path, "no poses in it: no odometry, path, stamped poses or moving transforms", remedy)

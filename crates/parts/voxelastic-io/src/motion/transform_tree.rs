@@ -1,7 +1,7 @@
 //! The transform tree of `/tf` and `/tf_static`.
 
 use super::pose_track::PoseTrack;
-use std::collections::HashMap;
+use std::collections::{BTreeSet, HashMap};
 use voxelastic::Pose;
 
 /// Transforms are interpolated over longer gaps than poses, as ROS does: corrections of the map may be seconds apart.
@@ -50,6 +50,13 @@ impl TransformTree {
         self.ancestors(frame).iter().any(|f| self.links.get(*f).is_some_and(|l| !l.is_fixed))
     }
 
+    /// Whether frames move, but none in the tree of this one.
+    pub(crate) fn is_apart(&self, frame: &str) -> bool {
+        let root = |frame: &str| self.ancestors(frame).last().map(|root| (*root).to_owned());
+        let mut moving = self.links.iter().filter(|(_, link)| !link.is_fixed).map(|(child, _)| root(child)).peekable();
+        moving.peek().is_some() && moving.all(|of_moving| of_moving != root(frame))
+    }
+
     /// Pose of `frame` in the root of its tree.
     pub(crate) fn in_root(&self, frame: &str, time: f64, tolerance: f64) -> Option<Pose> {
         let mut t_root_frame = Pose::identity();
@@ -80,6 +87,25 @@ impl TransformTree {
             })
         };
         Some(down(&up_a)?.inv_mul(&down(&up_b)?))
+    }
+
+    /// The frames as trees, one on each line: `odom > base_link > (imu, laser)`. A `~` stands before frames that move in their parent.
+    pub(crate) fn drawing(&self) -> String {
+        let is_child = |frame: &str| self.links.contains_key(frame);
+        let roots: BTreeSet<&str> = self.links.values().map(|link| link.parent.as_str()).filter(|parent| !is_child(parent)).collect();
+        roots.into_iter().map(|root| self.branch(root, 0)).collect::<Vec<_>>().join("; ")
+    }
+
+    fn branch(&self, frame: &str, depth: usize) -> String {
+        let mut children: Vec<(&str, &Link)> =
+            self.links.iter().filter(|(_, link)| link.parent == frame).map(|(child, link)| (child.as_str(), link)).collect();
+        if depth >= DEEPEST || children.is_empty() {
+            return frame.to_owned();
+        }
+        children.sort_by_key(|(child, _)| *child);
+        let below = children.iter().map(|(child, link)| format!("{}{}", if link.is_fixed { "" } else { "~" }, self.branch(child, depth + 1)));
+        let below: Vec<String> = below.collect();
+        if below.len() == 1 { format!("{frame} > {}", below[0]) } else { format!("{frame} > ({})", below.join(", ")) }
     }
 
     /// Removes all moving transforms.
@@ -115,6 +141,17 @@ mod tests {
         assert_eq!(tree.newest("lidar"), Some(1.1));
         assert!((tree.fixed("imu", "lidar").unwrap().translation.x - 0.5).abs() < 1e-12);
         assert!(tree.fixed("odom", "lidar").is_none() && tree.moves("lidar") && tree.in_root("lidar", 20.0, 0.0).is_none());
+    }
+
+    #[test]
+    fn trees_that_are_not_connected_are_drawn() {
+        let mut tree = TransformTree::default();
+        tree.add("odom", "base", 1.0, x(10.0), false);
+        tree.add("base", "imu", 0.0, x(0.5), true);
+        tree.add("base", "camera", 0.0, x(0.5), true);
+        tree.add("rack", "lidar", 0.0, x(1.0), true);
+        assert_eq!(tree.drawing(), "odom > ~base > (camera, imu); rack > lidar");
+        assert!(tree.is_apart("lidar") && !tree.is_apart("camera"));
     }
 
     #[test]

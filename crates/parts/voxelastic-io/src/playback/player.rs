@@ -103,6 +103,8 @@ pub(crate) struct Player {
     selected: Vec<usize>,
     /// Clouds without a pose, and the time of the first.
     without_pose: (usize, f64),
+    /// Why the last of these has none, if that is known.
+    reason: Option<String>,
     /// Longest time from a scan's stamp to its last point so far, seconds.
     sweep_s: f64,
     /// The sensor of the last delivered scan.
@@ -141,6 +143,7 @@ impl Player {
             clouds: 0,
             selected: Vec::new(),
             without_pose: (0, 0.0),
+            reason: None,
             sweep_s: SWEEP_S,
             latest: None,
             continuation: Continuation::new(),
@@ -201,6 +204,7 @@ impl Player {
         let Some(t_map_lidar) = self.poses.pose_at(cloud.time, &cloud.frame, cloud.sensor) else {
             let (count, first) = self.without_pose;
             self.without_pose = (count + 1, if count == 0 { cloud.time } else { first });
+            self.reason = self.poses.unconnected(&cloud.frame);
             self.log.without_pose.fetch_add(1, Ordering::Relaxed);
             return;
         };
@@ -336,7 +340,13 @@ impl Player {
         let (count, first) = std::mem::take(&mut self.without_pose);
         if count > 0 {
             let problem = format!("{count} of {} clouds have no pose, the first at {first:.3} s", self.clouds);
-            let remedy = "they lie before, after or between the poses: choose others with --pose-topic or --poses";
+            let (problem, remedy) = match self.reason.take() {
+                Some(reason) => (
+                    format!("{problem}: {reason}"),
+                    "give the missing transform with --t-base-lidar and a topic of poses (--pose-topic), or other poses with --poses",
+                ),
+                None => (problem, "they lie before, after or between the poses: choose others with --pose-topic or --poses"),
+            };
             self.ready.push_back(Err(Error::dataset(&self.path, problem, remedy)));
         }
     }

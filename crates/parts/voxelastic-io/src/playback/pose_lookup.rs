@@ -90,10 +90,18 @@ impl PoseLookup {
     pub(super) fn pose_at(&mut self, time: f64, frame: &str, sensor: u16) -> Option<Pose> {
         let tolerance = self.tolerance_s;
         let pose = match &self.source {
+            // A frame that nothing moves is on no robot: its tree is not connected with that of the poses.
+            PoseSource::Transforms if !self.tree.moves(frame) => return None,
             PoseSource::Transforms => return self.tree.in_root(frame, time + self.change.seconds, tolerance),
             PoseSource::File(track) | PoseSource::Topic { track, .. } => track.at(time, LONGEST_GAP_S, tolerance)?,
         };
         Some(pose * self.mounting(frame, sensor)?)
+    }
+
+    /// Why a lidar has no pose, if its frame is not connected with frames that move: with the trees, as far as they are known.
+    pub(super) fn unconnected(&self, frame: &str) -> Option<String> {
+        let is_apart = matches!(self.source, PoseSource::Transforms) && !self.tree.moves(frame);
+        is_apart.then(|| format!("nothing in /tf leads from {frame} to a frame that moves; the frames are: {}", self.tree.drawing()))
     }
 
     /// Whether it is known where the lidar is on what the poses are of. The transform that says so may come after the first scan: over a network, nothing comes in order.

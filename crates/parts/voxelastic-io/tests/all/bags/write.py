@@ -105,10 +105,10 @@ class Drive:
         stamped = self.type("geometry_msgs/msg/TransformStamped")(header=self.header(k, parent), child_frame_id=child, transform=transform)
         return self.type("tf2_msgs/msg/TFMessage")(transforms=[stamped])
 
-    def mounting(self):
+    def mounting(self, base="base_link"):
         pose = self.pose(0)
         pose.position.z = 1.5
-        return self.transforms(0, "base_link", "lidar", pose)
+        return self.transforms(0, base, "lidar", pose)
 
     def messages(self, clouds="ouster", poses="odometry"):
         """(topic, type, time ns, message); poses come 0.25 s after their time, as SLAM systems publish them."""
@@ -219,6 +219,8 @@ def main():
     sqlite(folder / "two_tf", two_lidars(two, "tf"), two)
     sqlite(folder / "two_path", two_lidars(two, "path"), two)
     mcap(folder / "two_apart.mcap", two_lidars(two, is_beside=False), two, CompressionType.NONE)
+    on_a_rack = [(topic, time, two.mounting("rack") if topic == "/tf_static" else message) for topic, time, message in two.messages(poses="tf")]
+    mcap(folder / "apart.mcap", on_a_rack, two, CompressionType.NONE)
     for poses in ("pose_stamped", "path", "tf"):
         bag1(folder / f"ouster_{poses}.bag", one.messages(poses=poses), one)
         sqlite(folder / f"ouster_{poses}", two.messages(poses=poses), two)

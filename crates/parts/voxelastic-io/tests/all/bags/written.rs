@@ -46,6 +46,8 @@ fn everything_that_other_software_writes() {
         check(&at(&format!("{layout}_layout.bag")), &has, 1.5);
         check(&at(&format!("{layout}_layout.mcap")), &has, 1.5);
     }
+    let apart = Recording::open(at("apart.mcap"), &every_scan()).unwrap_err().to_string();
+    assert!(apart.contains("nothing in /tf leads from lidar") && apart.contains("odom > ~base_link; rack > lidar"), "{apart}");
 }
 
 #[test]
