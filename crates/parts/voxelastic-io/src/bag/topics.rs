@@ -248,7 +248,8 @@ fn choose_poses(summary: &RecordingSummary, path: &Path, clouds: &str, requested
         }
     }
     if moving.is_none() && summary.tree.is_apart(&frame) {
-        let problem = format!("nothing in /tf leads from {frame}, the frame of {clouds}, to a frame that moves; the frames are: {}", summary.tree.drawing());
+        let problem =
+            format!("nothing in /tf leads from {frame}, the frame of {clouds}, to a frame that moves; the frames are: {}", summary.tree.drawing());
         let remedy = "name a topic of poses with --pose-topic and give the mounting with --t-base-lidar, name a trajectory with --poses, or let --slam estimate the poses";
         return Err(Error::dataset(path, problem, remedy));
     }

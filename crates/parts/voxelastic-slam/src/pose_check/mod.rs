@@ -1,6 +1,6 @@
 //! Whether poses belong to scans: neighbouring scans are registered, and how the sensor moved by their surfaces is compared with how it moved by the poses.
 //!
-//! Where the two disagree by more than drift explains, other readings of the poses are tried ([`PoseChange`], another frame on the same body), and the one under
+//! Where the two disagree by more than drift explains, other readings of the poses are tried ([`PoseChange`](voxelastic::geometry::PoseChange), another frame on the same body), and the one under
 //! which they agree is named. Nothing is changed here.
 
 mod conventions;
