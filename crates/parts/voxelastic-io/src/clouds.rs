@@ -97,5 +97,5 @@ fn without_offset(survey: SurveyCloud, path: &Path) -> StampedCloud {
     if survey.offset != [0.0; 3] {
         tracing::warn!("{}: coordinates are relative to {:?} m: they are too large for single precision", path.display(), survey.offset);
     }
-    StampedCloud { cloud: survey.cloud, stamp: None }
+    StampedCloud::new(survey.cloud, None)
 }

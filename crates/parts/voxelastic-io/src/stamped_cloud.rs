@@ -1,9 +1,17 @@
 //! A cloud with the time that it was taken.
 
+use std::collections::VecDeque;
+use std::sync::atomic::{AtomicBool, Ordering};
 use voxelastic::Cloud;
 
 /// A cloud's own stamp that differs from the time of its scan by more than this comes from another clock, seconds.
 const SAME_CLOCK_S: f64 = 1.0;
+/// Times between clouds that a sweep may fill, seconds: of clouds farther apart some were left out.
+const SWEEPS: [f64; 2] = [0.02, 0.3];
+/// So many intervals say what is usual.
+const INTERVALS: usize = 9;
+/// Whether shares of unknown sweeps were said: it is so of every cloud of a data set.
+static SAID_SHARES: AtomicBool = AtomicBool::new(false);
 
 /// A cloud and, where its file says so, when it was taken.
 #[derive(Clone, Debug, PartialEq)]
@@ -12,15 +20,84 @@ pub struct StampedCloud {
     pub cloud: Cloud,
     /// Time in seconds that [`Cloud::time`] counts from. Present only if the file holds absolute times.
     pub stamp: Option<f64>,
+    /// Whether [`Cloud::time`] are shares of the sweep, 0 to 1, as some drivers and data sets have them, and not seconds.
+    pub has_shares: bool,
 }
 
 impl StampedCloud {
-    /// The cloud with point times relative to `time`, seconds, if its own stamp comes from the same clock.
-    pub(crate) fn relative_to(self, time: f64) -> Cloud {
-        let Self { mut cloud, stamp } = self;
+    /// A cloud with times in seconds, from a stamp on, if it has any.
+    pub(crate) fn new(cloud: Cloud, stamp: Option<f64>) -> Self {
+        Self { cloud, stamp, has_shares: false }
+    }
+
+    /// The cloud with point times relative to `time`, seconds, if its own stamp comes from the same clock. Shares become seconds if it is known how long a sweep takes,
+    /// which is the `interval` between clouds; else they are left out.
+    pub(crate) fn relative_to(self, time: f64, interval: Option<f64>) -> Cloud {
+        let Self { mut cloud, stamp, has_shares } = self;
+        if has_shares {
+            match (&mut cloud.time, interval) {
+                (Some(times), Some(interval)) => times.iter_mut().for_each(|t| *t *= interval as f32),
+                _ => {
+                    cloud.time = None;
+                    if !SAID_SHARES.swap(true, Ordering::Relaxed) {
+                        let words = "but how long a sweep takes is not known, so they are left out and clouds are not undistorted";
+                        tracing::warn!(
+                            "times of points are from 0 to 1, which is a share of the sweep, {words}; write them in seconds, or in ns as whole numbers"
+                        );
+                    }
+                }
+            }
+        }
         if let (Some(times), Some(shift)) = (&mut cloud.time, stamp.map(|s| s - time).filter(|d| d.abs() <= SAME_CLOCK_S)) {
             times.iter_mut().for_each(|t| *t += shift as f32);
         }
         cloud
+    }
+}
+
+/// The usual time between the clouds of a sensor, from those that came.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Interval {
+    last: Option<f64>,
+    recent: VecDeque<f64>,
+}
+
+impl Interval {
+    /// Notes a cloud of this time, seconds, and returns what is usual, if a sweep can take that long.
+    pub(crate) fn after(&mut self, time: f64) -> Option<f64> {
+        if let Some(last) = self.last.replace(time) {
+            self.recent.push_back(time - last);
+            if self.recent.len() > INTERVALS {
+                self.recent.pop_front();
+            }
+        }
+        let mut sorted: Vec<f64> = self.recent.iter().copied().collect();
+        sorted.sort_by(f64::total_cmp);
+        sorted.get(sorted.len() / 2).copied().filter(|s| (SWEEPS[0]..=SWEEPS[1]).contains(s))
+    }
+
+    /// The same of clouds whose times are all known.
+    pub(crate) fn of(times: &[f64]) -> Option<f64> {
+        let mut between: Vec<f64> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
+        between.sort_by(f64::total_cmp);
+        between.get(between.len() / 2).copied().filter(|s| (SWEEPS[0]..=SWEEPS[1]).contains(s))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shares_are_of_the_interval_between_clouds() {
+        let cloud = Cloud { points: vec![[1.0, 2.0, 3.0]; 3], time: Some(vec![0.0, 0.5, 1.0]), ..Cloud::default() };
+        let shares = StampedCloud { cloud, stamp: None, has_shares: true };
+        let mut interval = Interval::default();
+        assert_eq!(interval.after(10.0), None);
+        let usual = [10.05, 10.1, 10.15, 10.35].map(|time| interval.after(time));
+        assert!(usual.into_iter().flatten().all(|s| (s - 0.05).abs() < 1e-9), "one that was lost does not count: {usual:?}");
+        assert_eq!(shares.clone().relative_to(0.0, usual[3]).time.unwrap(), [0.0, 0.025, 0.05]);
+        assert_eq!(shares.relative_to(0.0, None).time, None);
+        assert_eq!((Interval::of(&[0.0, 2.0, 4.0]), Interval::of(&[0.0, 0.1, 0.2])), (None, Some(0.1)), "keyframes say nothing");
     }
 }

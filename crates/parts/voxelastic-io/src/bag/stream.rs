@@ -9,7 +9,7 @@ use crate::capture::{PacketScans, PacketSensor, message as cloud_message};
 use crate::motion::PoseTrack;
 use crate::playback::{CloudMessage, MessageStream, SensorMessage};
 use crate::points::is_time;
-use crate::stamped_cloud::StampedCloud;
+use crate::stamped_cloud::{Interval, StampedCloud};
 use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, VecDeque};
 use std::path::{Path, PathBuf};
@@ -123,11 +123,13 @@ pub(super) struct SensorMessages {
     pending: VecDeque<SensorMessage>,
     /// What makes scans of the packets of each sensor.
     packets: BTreeMap<u16, TopicScans>,
+    /// How often clouds of each sensor come.
+    intervals: BTreeMap<u16, Interval>,
 }
 
 impl SensorMessages {
     pub(super) fn new(topics: StreamTopics) -> Self {
-        Self { topics, pending: VecDeque::new(), packets: BTreeMap::new() }
+        Self { topics, pending: VecDeque::new(), packets: BTreeMap::new(), intervals: BTreeMap::new() }
     }
 
     pub(super) fn topics(&self) -> &StreamTopics {
@@ -188,7 +190,8 @@ impl SensorMessages {
             let (bytes, name_of_topic) = (message.message.data.len(), message.topic.name.clone());
             let decode = Box::new(move || message.cloud());
             let sensor = self.topics.sensor(&name_of_topic);
-            return Ok(SensorMessage::Cloud(CloudMessage { time: header.time, frame: header.frame, sensor, has_times, bytes, decode }));
+            let interval_s = self.intervals.entry(sensor).or_default().after(header.time);
+            return Ok(SensorMessage::Cloud(CloudMessage { time: header.time, frame: header.frame, sensor, interval_s, has_times, bytes, decode }));
         }
         if message.role == TopicRole::Imu {
             return decoder.imu().map(SensorMessage::Imu);

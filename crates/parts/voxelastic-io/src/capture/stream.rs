@@ -71,5 +71,5 @@ pub(crate) fn message(scan: StampedCloud, time: f64, frame: &str, path: &Path) -
         let points = scan.cloud.len();
         if has_return { Ok(scan) } else { Err(Error::NoReturn { path, points }) }
     });
-    CloudMessage { time, frame: frame.into(), sensor: 0, has_times: true, bytes, decode }
+    CloudMessage { time, frame: frame.into(), sensor: 0, interval_s: None, has_times: true, bytes, decode }
 }

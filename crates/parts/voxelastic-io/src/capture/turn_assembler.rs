@@ -197,7 +197,7 @@ impl Turn {
             time: Some(self.returns.iter().map(|r| (r.time - stamp) as f32).collect()),
             ..Cloud::from_points(self.returns.iter().map(|r| r.point).collect())
         };
-        Some(StampedCloud { cloud, stamp: Some(stamp) })
+        Some(StampedCloud::new(cloud, Some(stamp)))
     }
 }
 

@@ -16,6 +16,7 @@ use crate::dumps::{self, Dump};
 use crate::folders::name_of;
 use crate::motion::PoseTrack;
 use crate::scan_list::{ScanEdges, ScanEntry, select};
+use crate::stamped_cloud::Interval;
 use crate::{Error, OpenOptions, PoseFormat, Result, Trajectory, g2o, poses};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -117,7 +118,8 @@ fn open_folder(path: &Path, options: &OpenOptions) -> Result<Dataset> {
     let has_times = times.of_clouds.is_some() || trajectory.times.is_some();
     let track = (options.deskew && has_times).then(|| Arc::new(pose_track(&trajectory.earlier(options.pose_change.seconds), &stamped)));
     let (t_base_lidar, pose_change) = (options.t_base_lidar, options.pose_change);
-    let context = SnapshotContext { t_base_lidar, pose_change, nodes, times: times.of_clouds, has_times, track, further: Vec::new() };
+    let interval_s = times.of_clouds.as_deref().and_then(Interval::of);
+    let context = SnapshotContext { t_base_lidar, pose_change, nodes, times: times.of_clouds, interval_s, has_times, track, further: Vec::new() };
     // Snapshots correct an estimate. The ground truth needs no corrections.
     let snapshots = if pose_file.is_ground_truth() { description.drop_snapshots() } else { folder.snapshots };
     Ok(Dataset {
@@ -153,9 +155,10 @@ fn open_dump(path: &Path, dump: Dump, options: &OpenOptions) -> Result<Dataset> 
         description.graph(&PoseFile { path: file.clone(), format: PoseFormat::G2o }, graph, &edges);
     }
     let track = options.deskew.then(|| Arc::new(pose_track(&Trajectory::default(), &stamped)));
-    let times = Some(stamped.iter().map(|(time, _)| *time).collect());
+    let times: Option<Vec<f64>> = Some(stamped.iter().map(|(time, _)| *time).collect());
+    let interval_s = times.as_deref().and_then(Interval::of);
     let (t_base_lidar, pose_change) = (options.t_base_lidar, options.pose_change);
-    let context = SnapshotContext { t_base_lidar, pose_change, nodes, times, has_times: true, track, further: Vec::new() };
+    let context = SnapshotContext { t_base_lidar, pose_change, nodes, times, interval_s, has_times: true, track, further: Vec::new() };
     Ok(Dataset {
         path: path.into(),
         scans: scans.into(),

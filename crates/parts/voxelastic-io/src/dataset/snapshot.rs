@@ -22,6 +22,8 @@ pub(super) struct SnapshotContext {
     pub(super) nodes: Vec<NodeId>,
     /// Time of every cloud, if known, seconds.
     pub(super) times: Option<Vec<f64>>,
+    /// The usual time between the clouds of the folder, seconds, if it is known.
+    pub(super) interval_s: Option<f64>,
     /// Whether scans have times.
     pub(super) has_times: bool,
     /// Poses of the lidar by time, if clouds are to get the lidar's motion.

@@ -110,7 +110,7 @@ impl ScanAssembler {
             sensor: 0,
         };
         let (Some(intensity), Some(times)) = (&mut cloud.intensity, &mut cloud.time) else {
-            return StampedCloud { cloud, stamp: None };
+            return StampedCloud::new(cloud, None);
         };
         for row in 0..rows {
             let shift = self.metadata.shift(row);
@@ -129,6 +129,6 @@ impl ScanAssembler {
                 }
             }
         }
-        StampedCloud { cloud, stamp: Some(first as f64 * 1e-9) }
+        StampedCloud::new(cloud, Some(first as f64 * 1e-9))
     }
 }

@@ -101,8 +101,16 @@ mod tests {
     }
 
     fn scan(sensor: u16, time: f64) -> SensorMessage {
-        let decode = || Ok(StampedCloud { cloud: Cloud { points: vec![[1.0, 2.0, 3.0]], ..Cloud::default() }, stamp: None });
-        SensorMessage::Cloud(CloudMessage { time, frame: "lidar".into(), sensor, has_times: false, bytes: 1, decode: Box::new(decode) })
+        let decode = || Ok(StampedCloud::new(Cloud { points: vec![[1.0, 2.0, 3.0]], ..Cloud::default() }, None));
+        SensorMessage::Cloud(CloudMessage {
+            time,
+            frame: "lidar".into(),
+            sensor,
+            interval_s: None,
+            has_times: false,
+            bytes: 1,
+            decode: Box::new(decode),
+        })
     }
 
     /// A pose at x, of a message of which it is the last or not.

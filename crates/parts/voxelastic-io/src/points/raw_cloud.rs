@@ -2,7 +2,7 @@
 
 use super::record::{self, Column, Field, Scalar};
 use super::roles::FieldRoles;
-use super::times::relative_times;
+use super::times::{TimesOfPoints, relative_times};
 use crate::stamped_cloud::StampedCloud;
 use crate::{Error, Position, Result};
 use std::path::Path;
@@ -69,13 +69,13 @@ impl RawCloud {
             Rings::Valid(rings) => Some(rings),
             Rings::Numbers(values) => valid_rings(&values, &self.points, path),
         });
-        let (time, stamp) = match (self.time, self.time_field) {
+        let TimesOfPoints { time, stamp, has_shares } = match (self.time, self.time_field) {
             (Some(values), Some((name, scalar))) => relative_times(values, &self.points, &name, scalar, path),
-            _ => (None, None),
+            _ => TimesOfPoints::default(),
         };
         let Self { points, width, height, intensity, colours, .. } = self;
         let cloud = Cloud { points, width, height, intensity, colours, ring, time, motion: None, sensor: 0 };
-        Ok(StampedCloud { cloud, stamp })
+        Ok(StampedCloud { cloud, stamp, has_shares })
     }
 }
 
@@ -193,7 +193,8 @@ mod tests {
     #[test]
     fn curvatures_and_too_long_sweeps_are_not_times() {
         assert!(raw(&[P, P], "curvature", Scalar::F32, &[0.01, 0.2]).finish(Path::new("a")).unwrap().cloud.time.is_none());
-        assert!(raw(&[P, P], "timestamp", Scalar::F64, &[0.0, 0.999]).finish(Path::new("a")).unwrap().cloud.time.is_none(), "shares of a sweep");
+        let shares = raw(&[P, P], "timestamp", Scalar::F64, &[0.0, 0.999]).finish(Path::new("a")).unwrap();
+        assert!(shares.has_shares && shares.cloud.time.unwrap()[1] == 0.999);
         assert!(raw(&[P, P], "time", Scalar::F32, &[0.0, 1e12]).finish(Path::new("a")).unwrap().cloud.time.is_none());
     }
 

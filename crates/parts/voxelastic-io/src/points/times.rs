@@ -3,7 +3,6 @@
 use super::record::Scalar;
 use super::roles::CURVATURE;
 use std::path::Path;
-use std::sync::atomic::{AtomicBool, Ordering};
 use voxelastic::Cloud;
 
 /// No sweep takes longer, seconds.
@@ -13,18 +12,27 @@ const LARGEST_RELATIVE: f64 = 2.0;
 
 /// Times from 0 to 1, to within this, are shares of a sweep: no sensor turns once a second.
 const SHARE_TOLERANCE: f64 = 0.02;
-/// Whether that was said: it is so of every cloud of a data set.
-static SAID_SHARES: AtomicBool = AtomicBool::new(false);
 
 /// A sweep lasts this long, seconds: the unit of times under which one does is theirs. The ends are less than a thousand apart, so that it is one unit.
 const SWEEP: [f64; 2] = [1e-2, 1.9];
 /// The same for the unit that a driver's type of numbers stands for, which is believed in doubt.
 const USUAL_SWEEP: [f64; 2] = [5e-4, 2.5];
 
+/// What the times of a cloud's points are.
+#[derive(Debug, Default)]
+pub(super) struct TimesOfPoints {
+    /// Seconds, or shares of the sweep.
+    pub(super) time: Option<Vec<f32>>,
+    /// What they are relative to, seconds, if they were absolute.
+    pub(super) stamp: Option<f64>,
+    /// Whether they are shares of the sweep, 0 to 1.
+    pub(super) has_shares: bool,
+}
+
 /// Times in seconds relative to a stamp: the earliest point's if the file has absolute times, else the cloud's own.
-pub(super) fn relative_times(values: Vec<f64>, points: &[[f32; 3]], name: &str, scalar: Scalar, path: &Path) -> (Option<Vec<f32>>, Option<f64>) {
+pub(super) fn relative_times(values: Vec<f64>, points: &[[f32; 3]], name: &str, scalar: Scalar, path: &Path) -> TimesOfPoints {
     let is_known = |&(t, p): &(&f64, &[f32; 3])| t.is_finite() & Cloud::is_return(p);
-    let Some(first) = values.iter().zip(points).find(is_known).map(|(t, _)| *t) else { return (None, None) };
+    let Some(first) = values.iter().zip(points).find(is_known).map(|(t, _)| *t) else { return TimesOfPoints::default() };
     let is_curvature = name.eq_ignore_ascii_case(CURVATURE);
     let usual = if is_curvature { 1e-3 } else { usual_unit_s(scalar, first) };
     let all = bounds(&values, first);
@@ -37,27 +45,21 @@ pub(super) fn relative_times(values: Vec<f64>, points: &[[f32; 3]], name: &str, 
     };
     // The curvature of a surface is at most 1/3; a sweep lasts longer than a third of a millisecond.
     if is_curvature && low >= 0.0 && high <= 1.0 / 3.0 {
-        return (None, None);
+        return TimesOfPoints::default();
     }
     if (high - low) * unit > LONGEST_SWEEP {
         tracing::warn!("{}: the times in field {name} span {:.0} s, more than a sweep can take: ignored", path.display(), (high - low) * unit);
-        return (None, None);
+        return TimesOfPoints::default();
     }
-    if scalar.is_float() && unit == 1.0 && low.abs() < SHARE_TOLERANCE && (high - 1.0).abs() < SHARE_TOLERANCE {
-        // They would bend every sweep by ten times of what the sensor moved.
-        if !SAID_SHARES.swap(true, Ordering::Relaxed) {
-            let words = "are from 0 to 1, which is a share of the sweep, not seconds: they are ignored, and clouds are not undistorted";
-            tracing::warn!("{}: the times in field {name} {words}; write them in seconds, or in ns as whole numbers", path.display());
-        }
-        return (None, None);
-    }
+    // As seconds they would bend every sweep by ten times of what the sensor moved.
+    let has_shares = scalar.is_float() && unit == 1.0 && low.abs() < SHARE_TOLERANCE && (high - 1.0).abs() < SHARE_TOLERANCE;
     let stamp = Some(low * unit).filter(|s| s.abs() > LARGEST_RELATIVE);
     let origin = if stamp.is_some() { low } else { 0.0 };
     let relative = |t: f64| {
         let t = (t - origin) * unit;
         (if t.abs() <= LONGEST_SWEEP + LARGEST_RELATIVE { t } else { 0.0 }) as f32
     };
-    (Some(values.iter().map(|&t| relative(t)).collect()), stamp)
+    TimesOfPoints { time: Some(values.iter().map(|&t| relative(t)).collect()), stamp, has_shares }
 }
 
 /// The least and the largest of the finite times and of `first`, in SIMD lanes.

@@ -5,6 +5,7 @@ use crate::clouds::CloudFormat;
 use crate::dumps;
 use crate::folders::{CloudFolder, ScanTimes, find_clouds, has_extension, list, match_times, name_of, read_scan_times, scan_numbers, stem_of};
 use crate::scan_list::{NODES_OF_SENSOR, read_scan};
+use crate::stamped_cloud::Interval;
 use crate::{Error, Result, SensorFolder, poses};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -25,6 +26,8 @@ pub(super) struct RawScan {
     /// Seconds, if known from files or names.
     time: Option<f64>,
     sweep: Option<[f64; 2]>,
+    /// The usual time between scans, seconds, if it is known.
+    interval_s: Option<f64>,
 }
 
 impl RawScan {
@@ -48,7 +51,7 @@ impl RawScan {
             node: self.node,
             time,
             sweep: self.sweep,
-            cloud: decoded.relative_to(time),
+            cloud: decoded.relative_to(time, self.interval_s),
             imu: Vec::new(),
         })
     }
@@ -105,6 +108,7 @@ fn of_clouds(path: &Path, folder: CloudFolder) -> Result<(Vec<RawScan>, String)>
     text.push_str(&times.described);
     folder.notes.iter().for_each(|note| text.push_str(&format!("\nnote: {note}")));
     let numbers = scan_numbers(&folder.clouds);
+    let interval_s = times.times.as_deref().and_then(Interval::of);
     let scan = |(index, cloud): (usize, &crate::folders::CloudFile)| RawScan {
         path: cloud.path.clone(),
         name: stem_of(&cloud.path),
@@ -113,6 +117,7 @@ fn of_clouds(path: &Path, folder: CloudFolder) -> Result<(Vec<RawScan>, String)>
         sensor: 0,
         time: times.times.as_ref().map(|t| t[index]),
         sweep: times.sweeps.as_ref().map(|s| s[index]),
+        interval_s,
     };
     Ok((folder.clouds.iter().enumerate().map(scan).collect(), text))
 }
@@ -128,6 +133,7 @@ fn of_dump(path: &Path) -> Result<Option<(Vec<RawScan>, String)>> {
         sensor: 0,
         time: Some(entry.time),
         sweep: None,
+        interval_s: None,
     };
     let scans: Vec<RawScan> = dump.scans.iter().map(scan).collect();
     let text = format!("clouds: {} of a {}\ntimes: of its keyframes", scans.len(), dump.system);

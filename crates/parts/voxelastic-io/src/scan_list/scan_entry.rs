@@ -47,5 +47,5 @@ pub(crate) fn read_scan(path: &Path, index: usize) -> Result<StampedCloud> {
         let problem = format!("the points of scan {index} are {:?} m from the scanner", survey.offset);
         return Err(Error::content(path, Position::File, problem, "export the scans in the scanner's own frame, with their poses"));
     }
-    Ok(StampedCloud { cloud: survey.cloud, stamp: None })
+    Ok(StampedCloud::new(survey.cloud, None))
 }

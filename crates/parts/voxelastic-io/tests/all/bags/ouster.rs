@@ -55,7 +55,7 @@ fn captures_are_found_with_their_metadata_and_hold_whole_turns() {
         assert_eq!(find_metadata(&capture).unwrap(), folder.join(metadata));
         let scans = scans(&capture, &folder.join(metadata));
         assert_eq!(scans.len(), count, "{}", capture.display());
-        for StampedCloud { cloud, stamp } in &scans {
+        for StampedCloud { cloud, stamp, .. } in &scans {
             assert!(cloud.height == rows && cloud.width == 1024 && cloud.is_organised() && stamp.unwrap() > 0.0);
             let last = cloud.time.as_ref().unwrap().iter().copied().fold(0.0, f32::max);
             assert!((0.099..0.101).contains(&last), "a turn takes {last} s");
