@@ -45,8 +45,8 @@ pub fn near(pose: Pose, most: f64) -> std::result::Result<Pose, String> {
 
 /// Why poses that count from a map's origin cannot be in it, where single precision has steps larger than a voxel of `voxel` metres; none if they can.
 pub fn too_far<'a>(poses: impl IntoIterator<Item = &'a Pose>, voxel: f32) -> Option<String> {
-    let farthest =
-        poses.into_iter().map(|pose| pose.translation.vector.amax()).fold(0.0, |a: f64, b| if b.is_nan() { f64::INFINITY } else { a.max(b) });
+    let coordinates = poses.into_iter().flat_map(|pose| pose.translation.vector.iter().copied());
+    let farthest = coordinates.fold(0.0, |a: f64, b| if b.is_nan() { f64::INFINITY } else { a.max(b.abs()) });
     let step = step_at(farthest);
     let is_far = step > f64::from(voxel);
     is_far.then(|| {
