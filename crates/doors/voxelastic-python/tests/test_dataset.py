@@ -92,6 +92,8 @@ def test_events_make_the_map_that_the_command_makes(drive: Path, tmp_path: Path)
     assert files[0] == files[1] == files[2] != []
 
 
+# Odometry that is off by a sixth of its path does not fit the scans, and that is said.
+@pytest.mark.filterwarnings("ignore:the poses do not fit:voxelastic.RunWarning")
 def test_events_with_corrections_make_the_map_of_a_replay(tmp_path: Path) -> None:
     """Poses go through matrices for users to read, and keep their last bits all the same."""
     drive = vx.Simulation("room", scans=30, spacing=2.0, columns=128, max_range=30, drift=5.0)

@@ -88,6 +88,8 @@ def test_a_mapper_takes_scans_with_poses_or_without(drive: vx.Simulation) -> Non
         mapper.integrate(np.zeros((50, 3)))
 
 
+# Odometry that is off by a sixth of its path does not fit the scans, and that is said.
+@pytest.mark.filterwarnings("ignore:the poses do not fit:voxelastic.RunWarning")
 def test_loop_edges_that_are_given_correct_the_poses() -> None:
     drive = vx.Simulation("room", scans=30, spacing=2.0, columns=128, max_range=30, drift=5.0)
     maps = []
@@ -105,6 +107,8 @@ def moves_of(mapper: vx.Mapper) -> int:
     return int(repr(mapper).split(" moves")[0].split()[-1])
 
 
+# Odometry that is off by a sixth of its path does not fit the scans, and that is said.
+@pytest.mark.filterwarnings("ignore:the poses do not fit:voxelastic.RunWarning")
 def test_the_information_of_edges_is_what_they_weigh() -> None:
     drive = vx.Simulation("room", scans=30, spacing=2.0, columns=128, max_range=30, drift=5.0)
     moves = []

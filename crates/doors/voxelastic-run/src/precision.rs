@@ -61,7 +61,7 @@ fn farthest(atlas: &Atlas) -> f64 {
 
 /// Distance between neighbouring numbers of single precision at a coordinate.
 fn step_at(coordinate: f64) -> f64 {
-    if coordinate < 1.0 { f64::from(f32::EPSILON) } else { 2f64.powi(coordinate.log2().floor() as i32 + 1 - BITS) }
+    if coordinate < 1.0 { f64::from(f32::EPSILON) } else { 2f64.powf(coordinate.log2().floor() + f64::from(1 - BITS)) }
 }
 
 #[cfg(test)]
