@@ -18,6 +18,8 @@ const LEAST_AGREEING: f64 = 0.7;
 const MOST_LEFT: f64 = 0.5;
 /// What is left of right poses, at most, in standard deviations.
 const LEAST_LEFT: f64 = 0.6;
+/// Poses that are this near to the scans in the middle of all pairs are right, whatever a few pairs say: metres, radians.
+const EXACT: (f64, f64) = (0.02, 0.0035);
 /// What a further change must gain to be believed, in standard deviations; a shift in time is another word for a shift of rows.
 const PRICE: f64 = 0.1;
 const PRICE_OF_SECONDS: f64 = 0.15;
@@ -59,7 +61,8 @@ pub(super) fn find(track: &[(f64, Pose)], has_times: bool, said: &Pose, motions:
     let raw: Vec<(f64, Pose)> = track.iter().map(|(time, pose)| (*time, pose * said.inverse())).collect();
     let as_said = Mounting::said(*said);
     let unchanged = rated(&raw, said, motions, PoseChange::default(), as_said)?;
-    if unchanged.cost < LEAST_LEFT {
+    let is_exact = unchanged.median.0 < EXACT.0 && unchanged.median.1 < EXACT.1;
+    if unchanged.cost < LEAST_LEFT || is_exact {
         return None;
     }
     let mut all = Vec::new();
