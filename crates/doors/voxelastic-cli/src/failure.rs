@@ -13,6 +13,8 @@ pub const FAILED: u8 = 1;
 pub const USAGE: u8 = 2;
 /// The map is saved, but not in the folder that was asked for: that could not be written, or a session does not fit into the map there.
 pub const ELSEWHERE: u8 = 3;
+/// `check`: something about the data is doubtful.
+pub const DOUBTFUL: u8 = 3;
 /// A bug: a panic, here or in a decoder.
 pub const BUG: u8 = 101;
 /// Interrupted by Ctrl-C or a request to terminate; results up to then are kept.
@@ -28,7 +30,7 @@ Exit codes:
   1    failed; the message names the file, the place in it and the remedy
   2    wrong command line or configuration file
   3    the map is saved, but elsewhere: its folder could not be written (full disk), or a session's place in the map was
-       not found (--into); a warning and --json name it
+       not found (--into); a warning and --json name it. Of check: something is doubtful
   101  a bug in voxelastic; `map` saves what it has
   130  interrupted (Ctrl-C); results up to then were saved
   131  interrupted again; stopped at once, without saving";

@@ -125,6 +125,14 @@ impl Source {
         }
     }
 
+    /// The events, for a look at their beginning: clouds without a pose are counted in [`events`](Self::events) only.
+    pub fn preview(&self) -> Events {
+        match self {
+            Self::Folder(_) => self.events(),
+            Self::Recording(recording) => Events::Recording(recording.preview()),
+        }
+    }
+
     /// The events from a position on, of the same data. Those of a recording are read from its beginning, and the first
     /// [`items_to_skip`](ReadPosition::items_to_skip) are to be dropped by the caller.
     pub fn events_from(&self, position: ReadPosition) -> Events {

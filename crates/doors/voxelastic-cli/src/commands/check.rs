@@ -89,15 +89,15 @@ pub fn run(args: &CheckArgs) -> anyhow::Result<u8> {
     } else {
         output::print(&summary.page())?;
     }
-    Ok(if summary.warnings.is_empty() { failure::DONE } else { failure::ELSEWHERE })
+    Ok(if summary.warnings.is_empty() { failure::DONE } else { failure::DOUBTFUL })
 }
 
 impl Summary {
     fn of(source: &Source, found: &Examination, flags: Option<String>, warnings: &Warnings, picture: Option<&Path>) -> Self {
         let sample = &found.sample;
-        let mut clouds: Vec<(usize, f32)> = sample.clouds.iter().map(|(returns, range, _)| (*returns, *range)).collect();
-        clouds.sort_by_key(|(returns, _)| *returns);
-        let (returns, range_m) = clouds.get(clouds.len() / 2).copied().unwrap_or_default();
+        let mut clouds = sample.clouds.clone();
+        clouds.sort_by_key(|cloud| cloud.returns);
+        let (returns, range_m) = clouds.get(clouds.len() / 2).map(|cloud| (cloud.returns, cloud.range_m)).unwrap_or_default();
         let poses = found.poses.as_ref().map(|check| Poses {
             verdict: match check.verdict {
                 Verdict::Agree => "agree",

@@ -202,14 +202,16 @@ impl Setup {
         let poses = source.odometry.take().map_or(Poses::Given, |stage| Poses::Estimated(Box::new(stage)));
         let (settings, comes) = (self.settings.clone(), source.comes());
         let plan = Plan { settings, corrections: self.corrections, poses, sensor: source.sensor.clone(), comes };
-        let Some(mut unfinished) = unfinished else {
-            let mut run = MappingRun::new(plan, pool)?;
-            run.watch_poses();
-            return Ok(run);
+        let mut run = match unfinished {
+            None => MappingRun::new(plan, pool)?,
+            Some(mut unfinished) => {
+                if let Some(input) = source.recorded() {
+                    input.know_motions(unfinished.motions());
+                }
+                MappingRun::resumed(plan, pool, unfinished, source.clouds().as_mut())?
+            }
         };
-        if let Some(input) = source.recorded() {
-            input.know_motions(unfinished.motions());
-        }
-        MappingRun::resumed(plan, pool, unfinished, source.clouds().as_mut())
+        run.watch_poses();
+        Ok(run)
     }
 }

@@ -6,17 +6,14 @@ use std::mem;
 use std::thread::JoinHandle;
 use voxelastic::Pose;
 use voxelastic::event::Scan;
-use voxelastic::geometry::PoseExt;
-use voxelastic_slam::pose_check::{CheckScan, PoseCheck, Verdict, check};
+use voxelastic_slam::pose_check::{CheckScan, PoseCheck, Verdict, check, is_apart};
 
 /// Pairs of scans that are compared at once.
 const PAIRS: usize = 8;
 /// Scans between two pairs, once the first were compared.
 const PAUSE: usize = 50;
-/// The two scans of a pair are at most so many apart ..
+/// The two scans of a pair are at most so many apart.
 const MOST_APART: usize = 10;
-/// .. and so far, if there are scans enough: metres, radians.
-const APART: (f64, f64) = (0.5, 0.1);
 
 /// Compares poses with scans on a thread of its own. What it finds is a warning; the map does not depend on it.
 #[derive(Default)]
@@ -50,9 +47,7 @@ impl PoseWatch {
             self.first = Some(CheckScan::new(index, &scan.cloud));
             return;
         };
-        let (a, b) = (&self.track[first.index()].1, &scan.t_map_lidar);
-        let is_apart = a.translation_distance(b) > APART.0 || a.rotation_distance(b) > APART.1 || index - first.index() >= MOST_APART;
-        if !is_apart {
+        if index - first.index() < MOST_APART && !is_apart(&self.track[first.index()].1, &scan.t_map_lidar) {
             return;
         }
         let second = CheckScan::new(index, &scan.cloud);

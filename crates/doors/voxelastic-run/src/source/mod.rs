@@ -10,7 +10,7 @@ pub use hold_out::HoldOut;
 pub use inputs::Inputs;
 pub use pose_check::{PosesCheck, pose_flags, pose_problem};
 pub use raw::RawSource;
-pub use sample::{Examination, Sample};
+pub use sample::{Examination, Sample, SampledCloud};
 pub use voxelastic_slam::pose_check::{CheckScan, Verdict};
 
 use crate::poses::{OdometrySetup, OdometryStage};

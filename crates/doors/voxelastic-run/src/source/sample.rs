@@ -1,6 +1,6 @@
 //! Some of the data, looked at before anything is mapped.
 
-use super::Source;
+use super::{Inputs, Source};
 use crate::input::Input;
 use crate::warning::{Code, Warnings};
 use voxelastic::event::Event;
@@ -8,14 +8,12 @@ use voxelastic::geometry::PoseExt;
 use voxelastic::{Cloud, Pose};
 use voxelastic_io::dataset::{Dataset, ScanEntry};
 use voxelastic_io::source::Source as RegisteredSource;
-use voxelastic_slam::pose_check::{CheckScan, PoseCheck};
+use voxelastic_slam::pose_check::{CheckScan, PoseCheck, is_apart};
 
 /// Pairs of scans that are compared: at least, at most, and one for so many scans.
 const PAIRS: (usize, usize, usize) = (6, 12, 12);
-/// The two scans of a pair are at most so many apart ..
+/// The two scans of a pair are at most so many apart.
 const MOST_APART: usize = 5;
-/// .. and so far, if there are scans enough: metres, radians.
-const APART: (f64, f64) = (0.5, 0.1);
 /// Scans of a recording, or without poses, that are read from their beginning.
 const FROM_BEGINNING: usize = 12;
 /// A sweep lasts no longer than this many intervals between clouds: scans overlap a little, and clocks jitter.
@@ -39,10 +37,21 @@ pub struct Sample {
     pub has_times: bool,
     /// Pairs of scans, thinned.
     pub pairs: Vec<(CheckScan, CheckScan)>,
-    /// Of each cloud that was read: returns, the range within which 95 % of them are (metres), and the time from the first to the last point (seconds), if points have times.
-    pub clouds: Vec<(usize, f32, Option<f64>)>,
+    /// The clouds that were read.
+    pub clouds: Vec<SampledCloud>,
     /// The usual time between clouds, seconds, where all of them are known.
     pub interval_s: Option<f64>,
+}
+
+/// What one cloud looks like.
+#[derive(Clone, Copy, Debug)]
+pub struct SampledCloud {
+    /// Its returns.
+    pub returns: usize,
+    /// 95 % of them are within this range, metres.
+    pub range_m: f32,
+    /// The time from its first to its last point, seconds; none where points have no times.
+    pub sweep_s: Option<f64>,
 }
 
 impl Examination {
@@ -67,7 +76,7 @@ impl Examination {
 impl Sample {
     /// The time from the first to the last point of a cloud, in the middle of all that have times, seconds.
     pub fn sweep_s(&self) -> Option<f64> {
-        middle(self.clouds.iter().filter_map(|(_, _, sweep)| *sweep).collect())
+        middle(self.clouds.iter().filter_map(|cloud| cloud.sweep_s).collect())
     }
 
     fn add(&mut self, index: usize, cloud: &Cloud) -> CheckScan {
@@ -76,8 +85,9 @@ impl Sample {
         ranges.sort_by(f32::total_cmp);
         let bounds =
             cloud.time.as_ref().map(|times| times.iter().fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), t| (low.min(*t), high.max(*t))));
-        let sweep = bounds.map(|(low, high)| f64::from(high - low)).filter(|sweep| *sweep > 0.0);
-        self.clouds.push((ranges.len(), ranges.get(ranges.len() * 95 / 100).copied().unwrap_or(0.0), sweep));
+        let sweep_s = bounds.map(|(low, high)| f64::from(high - low)).filter(|sweep| *sweep > 0.0);
+        let range_m = ranges.get(ranges.len() * 95 / 100).copied().unwrap_or(0.0);
+        self.clouds.push(SampledCloud { returns: ranges.len(), range_m, sweep_s });
         CheckScan::new(index, cloud)
     }
 }
@@ -88,36 +98,37 @@ impl Source {
         match self {
             Self::Registered(source) => match &**source {
                 RegisteredSource::Folder(folder) => of_folder(folder, times),
-                RegisteredSource::Recording(_) | _ => self.of_beginning(times),
+                recording => of_recording(recording, times),
             },
-            Self::Raw(_) => self.of_beginning(times),
+            Self::Raw(_) => of_raw(self.inputs()),
         }
     }
+}
 
-    /// The beginning of a recording, or of scans without poses.
-    fn of_beginning(&self, times: usize) -> Sample {
-        let mut sample = Sample { has_times: true, ..Sample::default() };
-        let (mut scans, mut came) = (Vec::new(), Vec::new());
-        for input in self.inputs() {
-            match input {
-                Input::Event(Event::Scan(scan)) => {
-                    scans.push(sample.add(sample.track.len(), &scan.cloud));
-                    sample.track.push((scan.time, scan.t_map_lidar));
-                }
-                Input::RawScan(scan, _) => {
-                    sample.add(0, &scan.cloud);
-                    came.push(scan.time);
-                }
-                _ => continue,
-            }
-            if sample.clouds.len() >= FROM_BEGINNING * times {
-                break;
-            }
-        }
-        sample.interval_s = interval(&came);
-        sample.pairs = (0..scans.len().saturating_sub(1)).map(|k| (scans[k].clone(), scans[partner(&sample.track, k)].clone())).collect();
-        sample
+/// The beginning of a recording with poses. Its scans are keyframes, which do not tell how often clouds come.
+fn of_recording(recording: &RegisteredSource, times: usize) -> Sample {
+    let mut sample = Sample { has_times: true, ..Sample::default() };
+    let mut scans = Vec::new();
+    let came = recording.preview().filter_map(|event| if let Ok(Event::Scan(scan)) = event { Some(scan) } else { None });
+    for scan in came.take(FROM_BEGINNING * times) {
+        scans.push(sample.add(scans.len(), &scan.cloud));
+        sample.track.push((scan.time, scan.t_map_lidar));
     }
+    sample.pairs = (0..scans.len().saturating_sub(1)).map(|k| (scans[k].clone(), scans[partner(&sample.track, k)].clone())).collect();
+    sample
+}
+
+/// The beginning of scans without poses.
+fn of_raw(inputs: Inputs) -> Sample {
+    let mut sample = Sample { has_times: true, ..Sample::default() };
+    let mut times = Vec::new();
+    let came = inputs.filter_map(|input| if let Input::RawScan(scan, _) = input { Some(scan) } else { None });
+    for scan in came.take(FROM_BEGINNING) {
+        sample.add(0, &scan.cloud);
+        times.push(scan.time);
+    }
+    sample.interval_s = interval(&times);
+    sample
 }
 
 /// Pairs from all over a folder. Half of them are where the lidar turns most: only there it shows where it is on a vehicle.
@@ -144,11 +155,7 @@ fn of_folder(folder: &Dataset, times: usize) -> Sample {
 /// The scan that a scan is compared with: the next one, or one of those after it, if the lidar hardly moves.
 fn partner(track: &[(f64, Pose)], first: usize) -> usize {
     let last = (first + MOST_APART).min(track.len() - 1);
-    let is_apart = |k: &usize| {
-        let (a, b) = (&track[first].1, &track[*k].1);
-        a.translation_distance(b) > APART.0 || a.rotation_distance(b) > APART.1
-    };
-    (first + 1..last).find(is_apart).unwrap_or(last)
+    (first + 1..last).find(|k| is_apart(&track[first].1, &track[*k].1)).unwrap_or(last)
 }
 
 /// The usual time between clouds, seconds.

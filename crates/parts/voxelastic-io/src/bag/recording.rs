@@ -174,6 +174,11 @@ impl Recording {
         RecordingEvents { events, taken: 0 }
     }
 
+    /// The same for a look at the beginning: what is counted, and noted for reading again, is that of [`events`](Self::events) only.
+    pub(crate) fn preview(&self) -> RecordingEvents {
+        Self { log: Arc::default(), ..self.clone() }.events()
+    }
+
     /// As [`Source::fingerprint`](crate::source::Source::fingerprint).
     pub(crate) fn fingerprint(&self) -> u64 {
         let mut print = Fingerprint::default();

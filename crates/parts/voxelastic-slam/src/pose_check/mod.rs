@@ -15,7 +15,7 @@ pub use readings::Reading;
 use hand_eye::mounting;
 use motions::{Motion, discrepancy, measure, measure_from_anywhere, middle};
 use rayon::prelude::*;
-use voxelastic::geometry::Pose;
+use voxelastic::geometry::{Pose, PoseExt};
 
 /// Fewer pairs than this decide nothing.
 const LEAST_PAIRS: usize = 3;
@@ -23,6 +23,8 @@ const LEAST_PAIRS: usize = 3;
 const MOST_DISAGREEING: f64 = 0.25;
 /// Without a reading under which they agree, poses are wrong only if no more than this share of the pairs agrees: elsewhere surfaces that repeat mislead some.
 const LEAST_DISAGREEING: f64 = 0.4;
+/// Scans are compared that are farther apart than this, if there are some: metres, radians.
+const APART: (f64, f64) = (0.5, 0.1);
 /// A sensor that moves less than this between two scans tells nothing: metres, radians.
 const LEAST_MOTION: (f64, f64) = (0.25, 0.05);
 /// Offsets of the lidar's frame are said from this size on, metres and radians ..
@@ -54,6 +56,11 @@ pub enum Verdict {
     AgreeBetter(Box<Mounting>),
     /// They do not agree as they are; perhaps under another reading.
     Disagree(Option<Box<Reading>>),
+}
+
+/// Whether the lidar moved enough between two poses for their scans to be a pair that tells something.
+pub fn is_apart(a: &Pose, b: &Pose) -> bool {
+    a.translation_distance(b) > APART.0 || a.rotation_distance(b) > APART.1
 }
 
 /// Compares poses with scans. `track` are times (seconds) and poses of the lidar in the map; the index of each scan is that of its pose there. `t_base_lidar` is what the

@@ -105,9 +105,9 @@ fn faults_of_poses_are_named() {
     matrix(|set, fault| fault.word.is_empty() || fault.name.len() % SETS.len() == set);
 }
 
-/// Every fault on every set: some minutes. `cargo test --release -p voxelastic-run --lib -- --ignored --nocapture every_fault`
+/// Every fault on every set.
 #[test]
-#[ignore = "takes minutes; CONTRIBUTING.md names it"]
+#[ignore = "takes a minute and a half; CONTRIBUTING.md has the command"]
 fn every_fault_of_poses_is_named_on_every_set() {
     matrix(|_, _| true);
 }

@@ -8,7 +8,7 @@ use voxelastic::geometry::PoseExt;
 use voxelastic_io::bag::{self, BagFormat, Recording};
 use voxelastic_io::dataset::Keyframing;
 use voxelastic_io::ouster::{Capture, find_metadata};
-use voxelastic_io::{Error, OpenOptions, PoseGraph, clouds, g2o, poses};
+use voxelastic_io::{Error, OpenOptions, PoseGraph, clouds, g2o, poses, source};
 use voxelastic_testing::run_python;
 
 const OUSTER: Has = Has { ring: true, time: true, rows: 16 };
@@ -95,6 +95,10 @@ fn poses_and_a_graph_from_files_beside() {
     assert_eq!(scans.iter().map(|s| s.node).collect::<Vec<_>>(), [0, 4, 8, 9, 10, 11], "0.4 s between poses is too far to guess, 0.3 s is not");
     assert!(errors.len() == 1 && errors[0].to_string().contains("6 of 12 clouds have no pose"), "{errors:?}");
     assert!((scans[1].t_map_lidar.translation.z - 3.0).abs() < 1e-12, "the transforms of the bag do not move poses of the lidar");
+    let source = source::open(fixture("ouster_bz2.bag"), &options).unwrap();
+    let looked = source.preview().count();
+    assert_eq!(source.without_pose(), 0, "a look is not counted");
+    assert_eq!((source.events().count(), source.without_pose()), (looked, 6));
 
     let options = OpenOptions { graph: Some(graph), poses: Some(trajectory), ..OpenOptions::default() };
     let recording = Recording::open(fixture("ouster_bz2.bag"), &options).unwrap();
