@@ -76,6 +76,16 @@ impl Interval {
         sorted.get(sorted.len() / 2).copied().filter(|s| (SWEEPS[0]..=SWEEPS[1]).contains(s))
     }
 
+    /// The same before the first cloud of another reading.
+    pub(crate) fn before_first(&self) -> Self {
+        Self { last: None, recent: self.recent.clone() }
+    }
+
+    /// Whether two clouds came.
+    pub(crate) fn is_known(&self) -> bool {
+        !self.recent.is_empty()
+    }
+
     /// The same of clouds whose times are all known.
     pub(crate) fn of(times: &[f64]) -> Option<f64> {
         let mut between: Vec<f64> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
@@ -96,6 +106,7 @@ mod tests {
         assert_eq!(interval.after(10.0), None);
         let usual = [10.05, 10.1, 10.15, 10.35].map(|time| interval.after(time));
         assert!(usual.into_iter().flatten().all(|s| (s - 0.05).abs() < 1e-9), "one that was lost does not count: {usual:?}");
+        assert_eq!(interval.before_first().after(99.0), usual[3], "what the beginning showed holds for its first cloud");
         assert_eq!(shares.clone().relative_to(0.0, usual[3]).time.unwrap(), [0.0, 0.025, 0.05]);
         assert_eq!(shares.relative_to(0.0, None).time, None);
         assert_eq!((Interval::of(&[0.0, 2.0, 4.0]), Interval::of(&[0.0, 0.1, 0.2])), (None, Some(0.1)), "keyframes say nothing");

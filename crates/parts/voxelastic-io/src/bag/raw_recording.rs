@@ -84,7 +84,8 @@ impl RawRecording {
         let description = if imu.remark.is_empty() { description } else { format!("{description}\n{}", imu.remark) };
         let (imu, t_lidar_imu) = imu.topic.map_or((None, None), |(name, pose)| (Some(name), Some(pose)));
         let model = packets.model(&topics).map(Box::new);
-        let topics = StreamTopics { clouds: topics, imu, packets: packets.sensors, ..StreamTopics::default() };
+        let intervals = summary.intervals(&topics);
+        let topics = StreamTopics { clouds: topics, intervals, imu, packets: packets.sensors, ..StreamTopics::default() };
         let open: OpenStream = Arc::new(move || Ok(Box::new(BagStream::new(&files, topics.clone())) as Box<dyn MessageStream>));
         Ok(Self { path: path.into(), capture: None, open, model, count, description, t_lidar_imu, t_first_sensor, log })
     }

@@ -198,8 +198,8 @@ impl Recording {
         match &self.input {
             Input::Bag(chosen) => {
                 let poses = chosen.poses.clone().filter(|(_, role)| *role != TopicRole::Transforms).map(|(name, _)| name);
-                let (clouds, packets) = (chosen.clouds.clone(), chosen.packets.sensors.clone());
-                let topics = StreamTopics { clouds, poses, corrections: self.options.correction_topic.clone(), imu: None, packets };
+                let (clouds, packets, intervals) = (chosen.clouds.clone(), chosen.packets.sensors.clone(), chosen.intervals.clone());
+                let topics = StreamTopics { clouds, poses, corrections: self.options.correction_topic.clone(), imu: None, packets, intervals };
                 Arc::new(move || Ok(Box::new(BagStream::new(&files, topics.clone())) as Box<dyn MessageStream>))
             }
             Input::Capture(kind) => {

@@ -80,6 +80,8 @@ pub(super) struct StreamTopics {
     pub(super) imu: Option<String>,
     /// The sensors of the clouds that are made of packets.
     pub(super) packets: BTreeMap<String, PacketSensor>,
+    /// How often clouds of each sensor come, as far as the beginning shows it.
+    pub(super) intervals: Vec<Interval>,
 }
 
 impl StreamTopics {
@@ -129,7 +131,8 @@ pub(super) struct SensorMessages {
 
 impl SensorMessages {
     pub(super) fn new(topics: StreamTopics) -> Self {
-        Self { topics, pending: VecDeque::new(), packets: BTreeMap::new(), intervals: BTreeMap::new() }
+        let intervals = (0..).zip(topics.intervals.iter().cloned()).collect();
+        Self { topics, pending: VecDeque::new(), packets: BTreeMap::new(), intervals }
     }
 
     pub(super) fn topics(&self) -> &StreamTopics {

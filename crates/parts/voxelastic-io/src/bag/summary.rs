@@ -6,6 +6,7 @@ use super::messages::topic_role::TopicRole;
 use super::stream::{MessageReader, is_static};
 use crate::Result;
 use crate::motion::TransformTree;
+use crate::stamped_cloud::Interval;
 use std::collections::HashMap;
 use std::path::PathBuf;
 
@@ -28,13 +29,15 @@ pub struct TopicSummary {
     pub messages: Option<u64>,
 }
 
-/// What the first message of a cloud topic shows.
+/// What the first messages of a cloud topic show.
 #[derive(Clone, Debug, Default)]
 pub(super) struct CloudTopic {
     /// Frame of a cloud.
     pub(super) frame: String,
     /// Fields of a cloud.
     pub(super) fields: Vec<String>,
+    /// How often they come.
+    pub(super) interval: Interval,
 }
 
 /// What is known about a recording before it is played.
@@ -148,9 +151,11 @@ impl RecordingSummary {
                     }
                     None
                 }
-                role if role.is_cloud() => {
-                    decoder.header().ok().map(|h| CloudTopic { frame: h.frame, fields: decoder.cloud_fields(role).unwrap_or_default() })
-                }
+                role if role.is_cloud() => decoder.header().ok().map(|header| {
+                    let topic =
+                        CloudTopic { frame: header.frame, fields: decoder.cloud_fields(role).unwrap_or_default(), interval: Interval::default() };
+                    (topic, header.time)
+                }),
                 TopicRole::Imu => {
                     if let Ok(header) = decoder.header() {
                         self.imu_frames.entry(message.topic.name.clone()).or_insert(header.frame);
@@ -159,13 +164,13 @@ impl RecordingSummary {
                 }
                 _ => None,
             };
-            if let Some(cloud_topic) = cloud_topic {
-                self.cloud_topics.entry(message.topic.name.clone()).or_insert(cloud_topic);
+            if let Some((cloud_topic, time)) = cloud_topic {
+                self.cloud_topics.entry(message.topic.name.clone()).or_insert(cloud_topic).interval.after(time);
             }
         }
     }
 
-    /// Whether reading on would show nothing new: each cloud topic was seen, and transforms were read long enough. Without an index more
+    /// Whether reading on would show nothing new: each cloud topic was seen twice, and transforms were read long enough. Without an index more
     /// topics may appear.
     fn is_complete_after(&self, elapsed: f64) -> bool {
         let clouds = self.of_role(TopicRole::is_cloud);
@@ -173,8 +178,15 @@ impl RecordingSummary {
         let units = self.of_role(|role| role == TopicRole::Imu);
         self.counts.is_some()
             && units.iter().all(|(name, _)| self.imu_frames.contains_key(name))
-            && clouds.iter().all(|(name, _)| self.cloud_topics.contains_key(name))
+            && clouds
+                .iter()
+                .all(|(name, _)| self.cloud_topics.get(name).is_some_and(|topic| topic.interval.is_known() || self.count(name) == Some(1)))
             && (transforms.is_empty() || elapsed > TRANSFORMS_S)
+    }
+
+    /// How often the clouds of topics come.
+    pub(super) fn intervals(&self, clouds: &[String]) -> Vec<Interval> {
+        clouds.iter().map(|name| self.cloud_topics.get(name).map(|topic| topic.interval.before_first()).unwrap_or_default()).collect()
     }
 
     /// Number of messages of a topic, if it is known.

@@ -6,6 +6,7 @@ use super::stream::is_static;
 use super::summary::{CloudTopic, RecordingSummary};
 use crate::playback::SensorMounts;
 use crate::points::is_time;
+use crate::stamped_cloud::Interval;
 use crate::{Error, OpenOptions, Result};
 use std::path::Path;
 use voxelastic::Pose;
@@ -24,6 +25,8 @@ pub(super) struct ChosenTopics {
     first_frame: String,
     /// The sensors of topics with packets.
     pub(super) packets: PacketTopics,
+    /// How often clouds of each sensor come.
+    pub(super) intervals: Vec<Interval>,
     /// What was decided about several sensors.
     pub(super) remark: Option<String>,
 }
@@ -83,7 +86,7 @@ pub(super) fn choose(summary: &RecordingSummary, path: &Path, options: &OpenOpti
         let choice = if by_itself { "; --cloud-topic chooses among them" } else { "" };
         format!("{} sensors are mapped together, each with its own beams and its own pose on the vehicle{choice}", clouds.len())
     });
-    Ok(ChosenTopics { clouds, poses, first_frame, packets, remark })
+    Ok(ChosenTopics { intervals: summary.intervals(&clouds), clouds, poses, first_frame, packets, remark })
 }
 
 /// The topics of several raw sensors that can be mapped together without a choice: clouds with times of their points, each in a frame of its own, with fixed
@@ -93,7 +96,7 @@ fn beside_each_other(summary: &RecordingSummary) -> Option<Vec<String>> {
     let mut names: Vec<String> = candidates(summary).into_iter().map(|(name, _)| name).collect();
     names.sort();
     for name in names {
-        let CloudTopic { frame, fields } = summary.cloud_topics.get(&name)?;
+        let CloudTopic { frame, fields, .. } = summary.cloud_topics.get(&name)?;
         if MAP_FRAMES.contains(&frame.as_str()) || !fields.iter().any(|f| is_time(f)) {
             continue;
         }

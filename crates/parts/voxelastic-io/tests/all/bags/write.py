@@ -27,6 +27,7 @@ LAYOUTS = {
     "ouster": ([("x", 0, F32), ("y", 4, F32), ("z", 8, F32), ("intensity", 16, F32), ("t", 20, U32), ("reflectivity", 24, U16),
                 ("ring", 26, U16), ("ambient", 28, U16), ("range", 32, U32)], 48, 16, 32, False),
     "velodyne": ([("x", 0, F32), ("y", 4, F32), ("z", 8, F32), ("intensity", 12, F32), ("ring", 16, U16), ("time", 18, F32)], 22, 1, 0, False),
+    "shares": ([("x", 0, F32), ("y", 4, F32), ("z", 8, F32), ("time", 12, F32)], 16, 1, 0, False),
     "hesai": ([("x", 0, F32), ("y", 4, F32), ("z", 8, F32), ("intensity", 16, F32), ("timestamp", 24, F64), ("ring", 32, U16)], 34, 1, 0, False),
     "big": ([("z", 0, F64), ("y", 8, F64), ("x", 16, F64), ("intensity", 25, U8)], 27, 4, 5, True),
 }
@@ -61,6 +62,8 @@ class Drive:
             "x": 1 + i / 8 + k, "y": -i / 16, "z": 0.5 * i - k, "intensity": i % 100, "ring": i % 16, "t": i * 100_000,
             "time": i / 1e4, "timestamp": 100 + 0.1 * k + i / 1e4,
         }
+        if layout == "shares":
+            values["time"] = i / (POINTS - 1)
         dtype = np.dtype({"names": [f[0] for f in fields], "formats": [order + f[2][1] for f in fields], "offsets": [f[1] for f in fields],
                           "itemsize": step})
         points = np.zeros(POINTS, dtype)
@@ -219,6 +222,7 @@ def main():
     sqlite(folder / "two_tf", two_lidars(two, "tf"), two)
     sqlite(folder / "two_path", two_lidars(two, "path"), two)
     mcap(folder / "two_apart.mcap", two_lidars(two, is_beside=False), two, CompressionType.NONE)
+    mcap(folder / "shares.mcap", two.messages("shares"), two, CompressionType.NONE)
     on_a_rack = [(topic, time, two.mounting("rack") if topic == "/tf_static" else message) for topic, time, message in two.messages(poses="tf")]
     mcap(folder / "apart.mcap", on_a_rack, two, CompressionType.NONE)
     for poses in ("pose_stamped", "path", "tf"):

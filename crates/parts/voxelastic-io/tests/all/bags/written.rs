@@ -46,6 +46,12 @@ fn everything_that_other_software_writes() {
         check(&at(&format!("{layout}_layout.bag")), &has, 1.5);
         check(&at(&format!("{layout}_layout.mcap")), &has, 1.5);
     }
+    let (scans, _) = play(&at("shares.mcap"), &every_scan());
+    assert_eq!(scans.len(), SCANS);
+    for scan in &scans {
+        let last = scan.cloud.time.as_ref().unwrap().last().unwrap();
+        assert!((last - 0.1).abs() < 1e-6, "scan {} comes 0.1 s before the next, and its last point {last} s after its first", scan.node);
+    }
     let apart = Recording::open(at("apart.mcap"), &every_scan()).unwrap_err().to_string();
     assert!(apart.contains("nothing in /tf leads from lidar") && apart.contains("odom > ~base_link; rack > lidar"), "{apart}");
 }
