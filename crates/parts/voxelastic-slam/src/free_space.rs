@@ -3,8 +3,9 @@
 use crate::registration::{VoxelIndex, key};
 use voxelastic::geometry::{Pose, Rigid};
 
-/// Rays of a place that are followed, at most.
+/// Rays that are followed, at most: of a scan, and of a place, whose voxels are half as large.
 const MOST_RAYS: usize = 8_000;
+const MOST_RAYS_OF_PLACE: usize = 60_000;
 /// Surfaces of a place that are looked up, at most.
 const MOST_POINTS: usize = 8_000;
 /// A ray is free up to so many voxels before its return.
@@ -34,11 +35,26 @@ pub(crate) struct FreeSpace {
 }
 
 impl FreeSpace {
-    /// The free space of scans in one frame, in voxels of edge `voxel`, metres.
+    /// The free space of a scan or two in one frame, in voxels of edge `voxel`, metres.
     pub(crate) fn new(views: &[View<'_>], voxel: f32) -> Self {
+        Self::with_rays(views, voxel, MOST_RAYS)
+    }
+
+    /// The free space of a place whose surfaces are registered in voxels of edge `voxel`, metres. It is finer: a cupboard stands in what its place in another storey, with
+    /// the same walls, has free; in voxels as large as it is deep, it would be the wall.
+    pub(crate) fn of_place(views: &[View<'_>], voxel: f32) -> Self {
+        Self::detailed(views, 0.5 * voxel)
+    }
+
+    /// The free space of many views, in voxels of edge `voxel`, metres.
+    pub(crate) fn detailed(views: &[View<'_>], voxel: f32) -> Self {
+        Self::with_rays(views, voxel, MOST_RAYS_OF_PLACE)
+    }
+
+    fn with_rays(views: &[View<'_>], voxel: f32, most: usize) -> Self {
         let mut space = Self { voxel, index: VoxelIndex::default(), passed: Vec::new(), is_surface: Vec::new() };
         let rays: usize = views.iter().map(|view| view.points.len()).sum();
-        let step = rays.div_ceil(MOST_RAYS).max(1);
+        let step = rays.div_ceil(most).max(1);
         for view in views {
             view.points.iter().step_by(step).for_each(|p| space.follow(view.origin, *p));
             for p in view.points {

@@ -27,6 +27,10 @@ const MOST_CONTRADICTION: f64 = 0.05;
 const MOST_CORRECTION: f64 = 10.0;
 /// Edges that all others contradict by so many standard deviations are left out.
 const CONTRADICTED: f64 = 6.0;
+/// Edges at which the maps are compared, at most.
+const MOST_COMPARED: usize = 6;
+/// Recognised maps that differ more only look alike: 0.0 to 0.2 % of maps of the same place, also where one has drifted, 1.3 % of two storeys whose furniture differs.
+const MOST_DIFFERENCE: f64 = 0.008;
 /// Rounds in which more places are registered, from poses that those before have corrected.
 const ROUNDS: usize = 5;
 /// Standard deviations of what the second says of places that it passed more than once: voxels, and degrees.
@@ -63,13 +67,17 @@ pub struct Joined {
     pub poses: Vec<(NodeId, Pose)>,
     /// Loop edges from nodes of the first to nodes of the second.
     pub edges: Vec<Edge>,
+    /// Share of the surfaces of one that are in space that the other saw to be free, at the best quarter of some edges; none where that could not be seen.
+    pub difference: Option<f64>,
 }
 
 /// The outcome of [`join`].
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Attempt {
-    /// None if the two share too few surfaces, or none.
+    /// None if the two share too few surfaces, or none, or if they only look alike.
     pub joined: Option<Joined>,
+    /// Where they look alike and are not the same: in how many places, and the [difference](Joined::difference).
+    pub alike: Option<(usize, f64)>,
     /// Closures that were tried.
     pub tried: Vec<Closure>,
 }
@@ -106,7 +114,10 @@ pub fn join(first: &PlaceBook, second: &PlaceBook, path: &[(NodeId, Pose)], star
         // What agrees more often is right.
         joined = if edges(&found) > edges(&joined) { found } else { joined };
     }
-    Ok(Attempt { joined, tried: join.tried })
+    // Poses in one frame are evidence of their own; places that were recognised are not.
+    let is_alike = |joined: &Joined| joined.by == FoundBy::Places && joined.difference.is_some_and(|share| share > MOST_DIFFERENCE);
+    let alike = joined.as_ref().filter(|joined| is_alike(joined)).map(|joined| (joined.edges.len(), joined.difference.unwrap_or(0.0)));
+    Ok(Attempt { joined: joined.filter(|_| alike.is_none()), alike, tried: join.tried })
 }
 
 struct Join<'a> {
@@ -210,7 +221,16 @@ impl Join<'_> {
             return Ok(None);
         }
         let t_first_second = poses.first().zip(self.path.first()).map_or(t_first_second, |(now, own)| now.1 * own.1.inverse());
-        Ok(Some(Joined { by, t_first_second, poses, edges }))
+        let difference = self.difference(&edges);
+        Ok(Some(Joined { by, t_first_second, poses, edges, difference }))
+    }
+
+    /// How much the maps differ where edges lay them on each other, and best: one that drifted does not lie well everywhere.
+    fn difference(&self, edges: &[Edge]) -> Option<f64> {
+        let some = edges.iter().step_by(edges.len().div_ceil(MOST_COMPARED).max(1)).collect::<Vec<_>>();
+        let mut all: Vec<f64> = some.par_iter().filter_map(|edge| self.first.difference(self.second, edge)).collect();
+        all.sort_by(f64::total_cmp);
+        all.get(all.len() / 4).copied()
     }
 
     /// Of each place of the second that is not `done`, the nearest ones of the first, with how it would lie there.

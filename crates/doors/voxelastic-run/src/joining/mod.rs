@@ -153,7 +153,7 @@ pub fn place(store: &MapStore, added: Sessions<'_>, align: Option<Frame>, warnin
             let text = "no surfaces were found to be the same where --align says: it is added there as it is, and not joined";
             warnings.add(Code::NotJoined, text, "");
             let poses = second.path.iter().map(|(node, pose)| (*node, t * pose)).collect();
-            Joined { by: FoundBy::Start, t_first_second: t, poses, edges: Vec::new() }
+            Joined { by: FoundBy::Start, t_first_second: t, poses, edges: Vec::new(), difference: None }
         }
         (None, _) => return Ok(Outcome::Apart(why_apart(&map, &attempt, second, &first_book, &settings)?)),
     };
@@ -220,6 +220,14 @@ pub fn log(map: &Path, summary: &SessionSummary, warnings: &mut Warnings) {
 }
 
 fn why_apart(map: &Path, attempt: &Attempt, mut second: View, first: &PlaceBook, settings: &LoopSettings) -> Result<String> {
+    if let Some((places, share)) = attempt.alike {
+        return Ok(format!(
+            "it looks like {} in {places} places, but {:.1} % of its surfaces there are in space that was seen to be free, or the other way round: that is \
+             another storey or room that looks alike, or much has changed. If it belongs there, --align says where",
+            map.display(),
+            100.0 * share
+        ));
+    }
     let accepted = attempt.count(Verdict::Accepted);
     let tried = format!(
         "{} pairs of places were compared, {accepted} fit, {} are refused by free space",

@@ -1,9 +1,11 @@
 //! The search for loop closures in a stream of events.
 
+use super::drift::{Drift, Errors};
 use super::overlap::{Guess, best_guess};
 use super::place::{Keyframe, Place, thinned};
 use super::settings::LoopSettings;
 use super::signature::SignatureMaker;
+use super::ties::Ties;
 use super::verify::{Fit, fit};
 use crate::deskew::returns;
 use crate::graph::{symmetric, upper_triangle};
@@ -19,8 +21,10 @@ use voxelastic::geometry::{Pose, PoseExt};
 const SCAN_SPACING: f64 = 3.0;
 /// Points of a scan that are kept.
 const MOST_POINTS: usize = 8000;
-/// Error of the odometry that is always possible, in voxels.
-const ALWAYS_POSSIBLE: f64 = 10.0;
+/// Length of path that a closure counts for, in voxels: places are not rigid.
+const CLOSURE_LENGTH: f64 = 5.0;
+/// The first places in which errors of poses are measured, and of those that follow one in so many.
+const MEASURED: (usize, usize) = (10, 4);
 /// Standard deviations of a closure beside those of its registration, as the places are not rigid: of the position in voxels, and of the rotation in degrees.
 const SIGMA: (f64, f64) = (0.1, 0.2);
 
@@ -36,7 +40,7 @@ pub struct Closure {
     pub correlation: f32,
     /// How well they fit on each other; `None` if they could not be registered.
     pub fit: Option<Fit>,
-    /// Distance between the closure and what the odometry says, metres.
+    /// Distance between the closure and what odometry and closures before it say, metres; by the poses as they came where nothing ties the places together.
     pub correction_m: f64,
     /// Whether it was accepted, or why not.
     pub verdict: Verdict,
@@ -54,15 +58,23 @@ pub enum Verdict {
     PoorFit,
     /// Surfaces of the one would be in space that the other saw to be free.
     FreeSpace,
-    /// The odometry cannot be as wrong as that.
+    /// The odometry cannot be as wrong as that: by what it got wrong along the way, in that direction.
     BeyondDrift,
 }
 
 /// The outcomes of all searches so far. A finder that [knows](LoopFinder::with_searches) them need not search again.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Searches {
-    /// Closures tried in each search.
-    tried: VecDeque<Vec<Closure>>,
+    by_place: VecDeque<Search>,
+}
+
+/// What a place was found to be.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+struct Search {
+    /// What its poses got wrong.
+    drift: Option<Errors>,
+    /// Closures that were tried.
+    tried: Vec<Closure>,
 }
 
 /// Finds places that were visited before.
@@ -81,11 +93,13 @@ pub struct LoopFinder {
     /// Path at which the next place ends.
     due: f64,
     places: Vec<Place>,
+    ties: Ties,
+    drift: Drift,
     closures: Vec<Closure>,
-    /// How many of them each search tried.
-    searches: Vec<usize>,
+    /// What each place's poses got wrong, and how many closures were tried.
+    searches: Vec<(Option<Errors>, usize)>,
     /// Outcomes of the next searches, if this finder takes events that another one has taken.
-    known: VecDeque<Vec<Closure>>,
+    known: VecDeque<Search>,
     downsampler: Downsampler,
 }
 
@@ -103,6 +117,8 @@ impl LoopFinder {
             recent: VecDeque::new(),
             due: 0.0,
             places: Vec::new(),
+            ties: Ties::default(),
+            drift: Drift::default(),
             closures: Vec::new(),
             searches: Vec::new(),
             known: VecDeque::new(),
@@ -113,18 +129,18 @@ impl LoopFinder {
     /// Takes the outcomes of its first searches from another finder, with the same settings, that has taken the same events.
     #[must_use]
     pub fn with_searches(self, searches: Searches) -> Self {
-        Self { known: searches.tried, ..self }
+        Self { known: searches.by_place, ..self }
     }
 
     /// The outcomes of the searches so far.
     pub fn searches(&self) -> Searches {
         let mut rest = &self.closures[..];
-        let take = |count: &usize| {
+        let take = |(drift, count): &(Option<Errors>, usize)| {
             let (tried, others) = rest.split_at(*count);
             rest = others;
-            tried.to_vec()
+            Search { drift: *drift, tried: tried.to_vec() }
         };
-        Searches { tried: self.searches.iter().map(take).collect() }
+        Searches { by_place: self.searches.iter().map(take).collect() }
     }
 
     /// Looks at an event. Returns loop edges to nodes that came before; they belong before the event.
@@ -222,17 +238,48 @@ impl LoopFinder {
         }
         let keyframes: Vec<&Keyframe> = self.recent.iter().collect();
         let Some(place) = Place::new(&keyframes, voxel, &self.maker) else { return Vec::new() };
-        let tried = self.known.pop_front().unwrap_or_else(|| {
-            let candidates = self.candidates(&place, voxel, length);
-            candidates.par_iter().map(|(k, guess)| close(&self.places[*k], &place, guess, voxel, &self.settings)).collect()
-        });
-        let mut edges: Vec<Edge> = tried.iter().filter(|c| c.verdict == Verdict::Accepted).filter_map(|c| edge(c, voxel)).collect();
+        let known = self.known.pop_front();
+        let number = self.places.len();
+        let is_measured = number < MEASURED.0 || number.is_multiple_of(MEASURED.1);
+        let drift = known.as_ref().map_or_else(|| if is_measured { Errors::within(&place, voxel) } else { None }, |search| search.drift);
+        drift.iter().for_each(|measured| self.drift.add(measured));
+        if let Some(before) = self.places.last().filter(|before| before.piece == place.piece) {
+            self.ties.add(number - 1, number, &before.t_map_anchor.inv_mul(&place.t_map_anchor), place.path - before.path);
+        }
+        let tried = known.map_or_else(|| self.search(&place, number, voxel, length), |search| search.tried);
+        self.searches.push((drift, tried.len()));
+        self.places.push(place);
+        let accepted = || tried.iter().filter(|closure| closure.verdict == Verdict::Accepted);
+        accepted().for_each(|closure| self.tie(closure, number, voxel));
+        let mut edges: Vec<Edge> = accepted().filter_map(|c| edge(c, voxel)).collect();
         edges.sort_by_key(|e| (e.from, e.to));
         edges.dedup_by_key(|e| (e.from, e.to));
-        self.searches.push(tried.len());
         self.closures.extend(tried);
-        self.places.push(place);
         edges
+    }
+
+    /// Ties the place with this number to the one that a closure says it is.
+    fn tie(&mut self, closure: &Closure, number: usize, voxel: f64) {
+        let (Some(fit), Some(second)) = (closure.fit, self.places.get(number)) else { return };
+        let first = self.places.iter().enumerate().find_map(|(k, first)| Some((k, first.t_anchor(closure.from)?)));
+        if let Some(((k, of_first), of_second)) = first.zip(second.t_anchor(closure.to)) {
+            self.ties.add(k, number, &(of_first * fit.t_first_second * of_second.inverse()), CLOSURE_LENGTH * voxel);
+        }
+    }
+
+    /// Looks for a place among those before.
+    fn search(&self, place: &Place, number: usize, voxel: f64, length: f64) -> Vec<Closure> {
+        let candidates = self.candidates(place, voxel, length);
+        let known = self.ties.from(number);
+        let most_contradiction = self.drift.most_contradiction(self.settings.most_contradiction);
+        let settings = LoopSettings { most_contradiction, ..self.settings.clone() };
+        let close = |(k, guess): &(usize, Guess)| {
+            let closure = close(&self.places[*k], place, guess, voxel, &settings);
+            // The way there, backwards.
+            let way = known.get(*k).copied().flatten().map(|(t_second_first, metres)| (t_second_first.inverse(), metres));
+            way.map_or(closure, |(expected, metres)| within_drift(closure, &self.drift, (&self.places[*k], place), &expected, metres, voxel))
+        };
+        candidates.par_iter().map(close).collect()
     }
 
     /// Earlier places that look like this one, best first, with how it would lie in their frames.
@@ -254,31 +301,33 @@ impl LoopFinder {
     }
 }
 
-/// Registers a place to an earlier one and judges the outcome.
+/// Registers a place to an earlier one and judges the outcome, whatever lies between them.
 pub(super) fn close(first: &Place, second: &Place, guess: &Guess, voxel: f64, settings: &LoopSettings) -> Closure {
     let found = fit(first, second, guess, voxel, (settings.least_overlap, settings.least_score));
     let (from, to) = found.map_or((first.node, second.node), |f| f.nodes);
     let claimed = found.map_or(guess.t_first_second, |f| f.t_first_second);
-    let correction_m = by_odometry(first, second, from, to).translation_distance(&claimed);
-    let possible = ALWAYS_POSSIBLE * voxel + settings.most_drift * (second.path - first.path);
+    let came = |place: &Place, node: NodeId| place.t_map_anchor * place.t_anchor(node).unwrap_or_default();
+    let correction_m = came(first, from).inv_mul(&came(second, to)).translation_distance(&claimed);
     let verdict = match &found {
         None => Verdict::NotRegistered,
         Some(f) if f.overlap < settings.least_overlap || f.score < settings.least_score => Verdict::PoorFit,
         Some(f) if f.degenerate > 0 => Verdict::NotRegistered,
         Some(f) if f.contradiction.is_none_or(|c| c > settings.most_contradiction) => Verdict::FreeSpace,
-        _ if first.piece == second.piece && correction_m > possible => Verdict::BeyondDrift,
         _ => Verdict::Accepted,
     };
     Closure { from, to, correlation: guess.correlation, fit: found, correction_m, verdict }
 }
 
-/// Pose of a node of `second` in the frame of one of `first`, as the odometry has it.
-fn by_odometry(first: &Place, second: &Place, from: NodeId, to: NodeId) -> Pose {
-    let pose = |place: &Place, node: NodeId| {
-        let scan = place.scans.iter().find(|scan| scan.node == node);
-        scan.map_or(place.t_map_anchor, |scan| place.t_map_anchor * scan.t_anchor_lidar)
+/// A closure of two places, held against where the second is `expected` in the frame of the first, by so many metres of path.
+fn within_drift(closure: Closure, drift: &Drift, places: (&Place, &Place), expected: &Pose, metres: f64, voxel: f64) -> Closure {
+    let (Some(fit), Some(of_first), Some(of_second)) = (closure.fit, places.0.t_anchor(closure.from), places.1.t_anchor(closure.to)) else {
+        return closure;
     };
-    pose(first, from).inv_mul(&pose(second, to))
+    let claim = of_first * fit.t_first_second * of_second.inverse();
+    let correction_m = claim.translation_distance(expected);
+    let is_possible = drift.claimed(places.0, expected, &claim, metres, voxel) <= 1.0;
+    let verdict = if closure.verdict == Verdict::Accepted && !is_possible { Verdict::BeyondDrift } else { closure.verdict };
+    Closure { correction_m, verdict, ..closure }
 }
 
 pub(super) fn edge(closure: &Closure, voxel: f64) -> Option<Edge> {

@@ -2,10 +2,12 @@
 //!
 //! Scans have noise and holes, so places are compared in coarse voxels. The surfaces of a map are means of many scans, complete, and can be registered more finely.
 
-use super::visible::MapSurface;
+use super::visible::{MapSurface, Visible};
+use crate::free_space::{FreeSpace, View};
 use crate::graph::{symmetric, upper_triangle};
 use crate::registration::{Downsampler, LocalMap, RegistrationSettings, register};
 use nalgebra::{Matrix6, Vector6};
+use std::sync::Arc;
 use voxelastic::event::Edge;
 use voxelastic::geometry::{Pose, PoseExt, Rigid};
 
@@ -23,11 +25,19 @@ const MOST: f64 = 1.0;
 /// Standard deviations of an edge beside those of its registration, as submaps are not rigid: of the position in fine voxels, and of the rotation in degrees.
 const SIGMA: (f64, f64) = (0.05, 0.05);
 
+/// Edges of the voxels in which maps are compared, in voxels of the map: for what hides what, and for free space.
+const COMPARED: (f64, f32) = (4.0, 2.0);
+/// Points that are looked for from a pose, at most.
+const MOST_COMPARED: usize = 20_000;
+
 /// Points on the surfaces of a map, in its frame.
 #[derive(Clone, Debug)]
 pub(super) struct FineSurface {
     edge: f64,
     points: Vec<[f32; 3]>,
+    /// Edge of the map's own voxels, metres.
+    voxel: f32,
+    visible: Arc<Visible>,
 }
 
 impl FineSurface {
@@ -36,7 +46,8 @@ impl FineSurface {
         let edge = (EDGE.0 * voxel).max(EDGE.1 * f64::from(surface.voxel));
         let mut points = Vec::new();
         Downsampler::default().means(surface.positions, (edge / DENSITY) as f32, &mut points);
-        Self { edge, points }
+        let visible = Arc::new(Visible::new(surface, COMPARED.0 * f64::from(surface.voxel)));
+        Self { edge, points, voxel: surface.voxel, visible }
     }
 
     /// The points around a node, in its frame.
@@ -44,6 +55,23 @@ impl FineSurface {
         let (t_node_map, radius) = (Rigid::from(&t_map_node.inverse()), (radius * radius) as f32);
         let near = self.points.iter().map(move |p| t_node_map.apply(*p)).filter(move |p| p.iter().map(|v| v * v).sum::<f32>() < radius);
         near.map(|p| p.map(f64::from))
+    }
+
+    /// Share of the surfaces of one map that lie in space that the other saw to be free, from some poses in each: the larger of the two ways.
+    pub(super) fn contradiction(&self, second: &Self, poses: (&[Pose], &[Pose]), t_first_second: &Pose) -> Option<f64> {
+        let voxel = COMPARED.1 * self.voxel.max(second.voxel);
+        let seen = |map: &Self, poses: &[Pose]| {
+            let scan = |pose: &Pose| {
+                let moved = Rigid::from(pose);
+                let points: Vec<[f32; 3]> = map.visible.scan_of(pose, MOST_COMPARED).iter().map(|p| moved.apply(*p)).collect();
+                (<[f32; 3]>::from(pose.translation.vector.map(|v| v as f32)), points)
+            };
+            poses.iter().map(scan).collect::<Vec<_>>()
+        };
+        let (first, other) = (seen(self, poses.0), seen(second, poses.1));
+        let there = FreeSpace::detailed(&views(&first), voxel).contradiction(&views(&other), t_first_second)?;
+        let back = FreeSpace::detailed(&views(&other), voxel).contradiction(&views(&first), &t_first_second.inverse())?;
+        Some(there.max(back))
     }
 
     /// The edge once more, by the surfaces around its nodes, which have these poses in the maps of `self` and of `second`. None if they do not fit, or
@@ -73,4 +101,8 @@ impl FineSurface {
         let information = Some(upper_triangle(&(submaps + registration).cholesky()?.inverse()));
         Some(Edge { t_from_to: found.t_map_lidar, information, ..edge.clone() })
     }
+}
+
+fn views(seen: &[([f32; 3], Vec<[f32; 3]>)]) -> Vec<View<'_>> {
+    seen.iter().map(|(origin, points)| View { origin: *origin, points }).collect()
 }

@@ -3,11 +3,12 @@
 //! The scans along some metres of path make a place. Seen from above it is an image of what stands where; the magnitude of its Fourier
 //! transform does not depend on where in it the sensor was and turns with the heading, so that one correlation compares two places for all
 //! headings. The best candidates are aligned by correlating the images themselves, and the best of these are registered in three
-//! dimensions. A closure is believed if the surfaces lie on each other, hold the pose in all directions, and do not lie in space that the
-//! other place saw to be free.
+//! dimensions. A closure is believed if the surfaces lie on each other, hold the pose in all directions, do not lie in space that the
+//! other place saw to be free, and if the poses can be as wrong as it says, by what they got wrong along the way.
 
 mod align;
 mod density_image;
+mod drift;
 mod finder;
 mod fine_surface;
 mod localiser;
@@ -17,6 +18,7 @@ mod place_book;
 mod plane_fft;
 mod settings;
 mod signature;
+mod ties;
 mod verify;
 mod visible;
 

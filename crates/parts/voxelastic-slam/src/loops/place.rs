@@ -87,6 +87,11 @@ impl Place {
         &self.scans[index.saturating_sub(around)..(index + around + 1).min(self.scans.len())]
     }
 
+    /// The pose of one of its nodes in its frame.
+    pub(crate) fn t_anchor(&self, node: NodeId) -> Option<Pose> {
+        self.scans.iter().find(|scan| scan.node == node).map(|scan| scan.t_anchor_lidar)
+    }
+
     /// The scans, as the free-space veto takes them.
     pub(crate) fn views(&self) -> Vec<View<'_>> {
         self.scans.iter().map(|scan| View { origin: scan.t_anchor_lidar.translation.vector.map(|v| v as f32).into(), points: &scan.points }).collect()

@@ -24,8 +24,6 @@ pub struct LoopSettings {
     pub least_score: f64,
     /// Largest share of surfaces in space that was observed to be free.
     pub most_contradiction: f64,
-    /// Largest error of the odometry that a closure may claim, as a share of the path in between.
-    pub most_drift: f64,
 }
 
 impl Default for LoopSettings {
@@ -40,8 +38,7 @@ impl Default for LoopSettings {
             least_correlation: 0.45,
             least_overlap: 0.4,
             least_score: 0.05,
-            most_contradiction: 0.02,
-            most_drift: 0.1,
+            most_contradiction: 0.025,
         }
     }
 }

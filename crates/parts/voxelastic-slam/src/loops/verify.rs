@@ -3,7 +3,7 @@
 use super::align::{align, settings};
 use super::overlap::Guess;
 use super::place::{Place, levels, surfels};
-use crate::free_space::FreeSpace;
+use crate::free_space::{FreeSpace, View};
 use crate::graph::upper_triangle;
 use crate::registration::{Registration, register};
 use nalgebra::Matrix6;
@@ -66,16 +66,21 @@ pub(crate) fn fit(first: &Place, second: &Place, guess: &Guess, voxel: f64, leas
         return None;
     }
     let (a, b) = (&first.scans[i], &second.scans[j]);
-    let (of_first, of_second) = (first.views(), second.views());
-    let there = FreeSpace::new(&of_first, voxel as f32).contradiction(&of_second, &t);
-    let back = FreeSpace::new(&of_second, voxel as f32).contradiction(&of_first, &t.inverse());
     Some(Fit {
         t_first_second: a.t_anchor_lidar.inv_mul(&(near.t_map_lidar * b.t_anchor_lidar)),
         degenerate: near.degenerate.len(),
-        contradiction: there.zip(back).map(|(there, back)| there.max(back)),
+        contradiction: contradiction(&first.views(), &second.views(), &t, voxel),
         information: Some(upper_triangle(&moved(&near.information(&points, &map), &b.t_anchor_lidar))),
         ..unrefined
     })
+}
+
+/// Share of the surfaces of one place that lie in space that the other saw to be free, the larger of the two ways; none where too little of the one is where the other saw
+/// anything.
+pub(super) fn contradiction(first: &[View<'_>], second: &[View<'_>], t_first_second: &Pose, voxel: f64) -> Option<f64> {
+    let there = FreeSpace::of_place(first, voxel as f32).contradiction(second, t_first_second)?;
+    let back = FreeSpace::of_place(second, voxel as f32).contradiction(first, &t_first_second.inverse())?;
+    Some(there.max(back))
 }
 
 /// Information of a pose, for another frame on the same body that has this pose in the first.

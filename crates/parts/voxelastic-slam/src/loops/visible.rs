@@ -10,7 +10,7 @@ use voxelastic::geometry::{Pose, Rigid};
 
 /// Surfaces farther than this are not looked at, in voxels.
 const RADIUS: f64 = 90.0;
-/// Points of a scan, at most.
+/// Points that a scan of a place looks for, at most.
 const MOST_POINTS: usize = 4000;
 /// Points of the surface that are kept, per voxel edge.
 const DENSITY: f32 = 3.0;
@@ -112,11 +112,16 @@ impl Visible {
 
     /// What can be seen from a pose: points in the lidar frame.
     pub(super) fn scan(&self, t_map_lidar: &Pose) -> Vec<[f32; 3]> {
+        self.scan_of(t_map_lidar, MOST_POINTS)
+    }
+
+    /// The same, of so many candidates at most.
+    pub(super) fn scan_of(&self, t_map_lidar: &Pose, most: usize) -> Vec<[f32; 3]> {
         let (eye, radius) = (t_map_lidar.translation.vector.map(|v| v as f32).into(), RADIUS as f32 * self.voxel);
         let is_turned_to = |facet: &&Facet| !facet.is_one_sided() || facet.height(eye) > 0.0;
         let is_near = |facet: &&Facet| length(minus(facet.centre, eye)) < radius;
         let candidates: Vec<&Facet> = self.points.iter().filter(is_near).filter(is_turned_to).collect();
-        let step = candidates.len().div_ceil(MOST_POINTS).max(1);
+        let step = candidates.len().div_ceil(most).max(1);
         let t_lidar_map = Rigid::from(&t_map_lidar.inverse());
         let seen = candidates.into_iter().step_by(step).filter(|facet| self.is_seen(eye, facet.centre));
         seen.map(|facet| t_lidar_map.apply(facet.centre)).collect()

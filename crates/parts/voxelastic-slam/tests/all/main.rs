@@ -7,4 +7,5 @@ mod graphs;
 mod loops;
 mod lost;
 mod odometry;
+mod storeys;
 mod wrong_closures;
