@@ -10,7 +10,7 @@ use super::align::settings;
 use super::place::{Place, levels, surfels};
 use super::verify::contradiction;
 use crate::registration::register;
-use nalgebra::Vector3;
+use nalgebra::{UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 use voxelastic::geometry::Pose;
 
@@ -24,6 +24,8 @@ const ALIKE: f64 = 0.005;
 const ALWAYS: (f64, f64) = (2.0, 0.05);
 /// Standard deviations that a closure may claim.
 const SIGMAS: f64 = 3.5;
+/// Floors and roads that a place has as level are level to within this, radians.
+const LEVEL_TO: f64 = 0.006;
 /// Error to expect within a place, in voxels.
 const WITHIN_PLACE: f64 = 0.5;
 /// A half of a place that fits worse on the other, by overlap, measures nothing.
@@ -97,7 +99,7 @@ impl Drift {
 
     /// How far a claim about the pose of one place in the frame of another is from what the poses along `metres` of path say: the largest of its directions, in parts of
     /// what is possible. Beyond 1 it is not.
-    pub(super) fn claimed(&self, first: &Place, expected: &Pose, claim: &Pose, metres: f64, voxel: f64) -> f64 {
+    pub(super) fn claimed(&self, (first, second): (&Place, &Place), expected: &Pose, claim: &Pose, metres: f64, voxel: f64) -> f64 {
         let shift = first.level * (claim.translation.vector - expected.translation.vector);
         let turn = first.level * (claim.rotation * expected.rotation.inverse()).scaled_axis();
         let Errors { metres: measured, turn: turns, shift: shifts, .. } = self.0;
@@ -108,18 +110,26 @@ impl Drift {
             (squares / measured * metres, (bias / measured * metres).powi(2))
         };
         let (yaw, tilt, level, height) = (variances(&turns[2..]), variances(&turns[..2]), variances(&shifts[..2]), variances(&shifts[2..]));
-        let position = |shifts: (f64, f64), turns: (f64, f64)| {
-            let by_turns = turns.0 / 3.0 + turns.1 / 4.0;
+        let position = |shifts: (f64, f64), by_turns: f64| {
             let variance = shifts.0 + shifts.1 + (by_turns + ALIKE * ALIKE) * metres * metres;
             SIGMAS * variance.sqrt() + ALWAYS.0 * voxel
         };
+        let by_turns = |turns: (f64, f64)| turns.0 / 3.0 + turns.1 / 4.0;
+        // Poses that are as level as the ground at both ends have not been tilted much in between.
+        let by_tilts = off_level(first, second, expected).map_or(f64::INFINITY, |angle| angle.max(LEVEL_TO).powi(2) / 3.0).min(by_turns(tilt));
         let angle = |turns: (f64, f64)| SIGMAS * (turns.0 + turns.1).sqrt() + ALWAYS.1;
         let parts = [
-            shift.xy().norm() / position(level, yaw),
-            shift.z.abs() / position(height, tilt),
+            shift.xy().norm() / position(level, by_turns(yaw)),
+            shift.z.abs() / position(height, by_tilts),
             turn.z.abs() / angle(yaw),
             turn.xy().norm() / angle(tilt),
         ];
         parts.into_iter().fold(0.0, f64::max)
     }
+}
+
+/// The angle between what two places have as the vertical, if the second is `expected` in the frame of the first; none if one of them has nothing level.
+fn off_level(first: &Place, second: &Place, expected: &Pose) -> Option<f64> {
+    let up = |place: &Place| (place.level != UnitQuaternion::identity()).then(|| place.level.inverse() * Vector3::z());
+    Some(up(first)?.angle(&(expected.rotation * up(second)?)))
 }

@@ -325,7 +325,7 @@ fn within_drift(closure: Closure, drift: &Drift, places: (&Place, &Place), expec
     };
     let claim = of_first * fit.t_first_second * of_second.inverse();
     let correction_m = claim.translation_distance(expected);
-    let is_possible = drift.claimed(places.0, expected, &claim, metres, voxel) <= 1.0;
+    let is_possible = drift.claimed(places, expected, &claim, metres, voxel) <= 1.0;
     let verdict = if closure.verdict == Verdict::Accepted && !is_possible { Verdict::BeyondDrift } else { closure.verdict };
     Closure { correction_m, verdict, ..closure }
 }

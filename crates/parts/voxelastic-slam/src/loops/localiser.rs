@@ -35,9 +35,9 @@ pub struct LocaliserSettings {
     pub most_compared: usize,
     /// Places to which the scan is registered.
     pub most_registered: usize,
-    /// Least share of the scan's surfaces with a counterpart in the map.
+    /// Least share of the scan's surfaces with a counterpart in the map, of a scan all around; the less it sees of the circle, the more of it must be there.
     pub least_overlap: f64,
-    /// Largest share of the surfaces of map or scan in space that the other saw to be free.
+    /// Largest share of the surfaces of map or scan in space that the other saw to be free, of a scan all around; the less it sees of the circle, the less may be.
     pub most_contradiction: f64,
 }
 
@@ -77,7 +77,7 @@ pub struct Located {
     pub score: f64,
     /// Share of the surfaces of the map in space that the scan saw to be free, or of the scan in such space of the map: the larger one.
     pub contradiction: f64,
-    /// Whether overlap and contradiction are within their limits.
+    /// Whether overlap and contradiction are within their limits, and no other place fits as well.
     pub is_certain: bool,
     /// Robust mean distance of the scan's surfaces to those of the map, metres.
     pub spread: f64,
@@ -85,6 +85,10 @@ pub struct Located {
     pub information: Option<Matrix6<f64>>,
 }
 
+/// Directions in which a scan is asked for returns, to know how much of the circle it sees.
+const DIRECTIONS: usize = 72;
+/// Another place whose quality is at least this share of the best's fits as well.
+const AS_GOOD: f64 = 0.97;
 /// Poses so near each other are the same, voxels; and radians.
 const SAME: (f64, f64) = (2.0, 0.2);
 
@@ -128,6 +132,7 @@ impl Localiser {
         let points = surfels(&view.scans, voxel);
         let free = FreeSpace::new(&view.views(), voxel as f32);
         let candidates = self.candidates(&view, voxel, about.as_ref());
+        let limits = self.limits(share_of_circle(&used, &view.level));
         let found = candidates.par_iter().filter_map(|(k, guess)| {
             let place = &self.places[*k];
             let found = align(place, &points, guess, voxel)?;
@@ -143,7 +148,7 @@ impl Localiser {
                 overlap: found.overlap,
                 score: found.score,
                 contradiction,
-                is_certain: found.overlap >= self.settings.least_overlap && contradiction <= self.settings.most_contradiction,
+                is_certain: found.overlap >= limits.0 && contradiction <= limits.1,
                 spread: found.spread,
                 information: None,
             })
@@ -159,10 +164,19 @@ impl Localiser {
                 distinct.push(located);
             }
         }
+        let has_rival = |best: &Located| distinct[1..].iter().any(|other| other.is_certain && quality(other) >= AS_GOOD * quality(best));
+        let is_alone = distinct.first().is_some_and(|best| !has_rival(best));
         if let Some(best) = distinct.first_mut() {
+            best.is_certain &= is_alone;
             *best = self.refined(best, &used, voxel).unwrap_or(*best);
         }
         distinct
+    }
+
+    /// The least overlap and the largest contradiction of a scan that sees this share of the circle.
+    fn limits(&self, share: f64) -> (f64, f64) {
+        let LocaliserSettings { least_overlap, most_contradiction, .. } = self.settings;
+        (1.0 - share * (1.0 - least_overlap), 0.5 * (1.0 + share) * most_contradiction)
     }
 
     /// A pose once more, with voxels of half the size and all points of the map.
@@ -244,6 +258,19 @@ impl Whereabouts {
     fn admits(&self, t_map_lidar: &Pose) -> bool {
         self.distance(t_map_lidar) <= self.within && self.yaw.is_none_or(|yaw| turn_between(heading(&t_map_lidar.rotation), yaw) <= HEADING_ERROR)
     }
+}
+
+/// The share of all headings in which a scan has returns; `level` makes level what is.
+fn share_of_circle(returns: &[[f32; 3]], level: &UnitQuaternion<f64>) -> f64 {
+    let turned = Rigid::from(&Pose::from_parts(Vector3::zeros().into(), *level));
+    let mut seen = [0; DIRECTIONS];
+    for p in returns {
+        let [x, y, _] = turned.apply(*p);
+        let turn = (y.atan2(x) / std::f32::consts::TAU).rem_euclid(1.0);
+        seen[((turn * DIRECTIONS as f32) as usize).min(DIRECTIONS - 1)] += 1;
+    }
+    // A few returns are of what is right above or below.
+    seen.iter().filter(|seen| **seen * 10 * DIRECTIONS > returns.len()).count() as f64 / DIRECTIONS as f64
 }
 
 fn is_same(a: &Pose, b: &Pose, voxel: f64) -> bool {
