@@ -2,6 +2,7 @@
 //!
 //! Scans come before those who look: connections are few enough that descriptors remain for data and for saving.
 
+use crate::tile_thread::lower_priority;
 use axum::extract::{Request, State};
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::middleware::{Next, from_fn_with_state};
@@ -28,6 +29,8 @@ const LARGEST_HEAD: usize = 16 << 10;
 const LONGEST: Duration = Duration::from_secs(150);
 /// Between attempts to take a connection when the system refuses.
 const PAUSE: Duration = Duration::from_millis(100);
+/// After a connection that is turned away: whoever opens one after the other costs no more than so many.
+const BREATH: Duration = Duration::from_millis(1);
 /// Those turned away are spoken of this often.
 const SAY_EVERY: Duration = Duration::from_secs(60);
 
@@ -64,6 +67,7 @@ impl HttpServer {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_io().enable_time().build()?;
         let (stop, stopped) = oneshot::channel();
         let thread = std::thread::Builder::new().name(name.to_owned()).spawn(move || {
+            lower_priority();
             runtime.block_on(async {
                 tokio::select! {
                     () = accept(listener, routes) => {}
@@ -114,6 +118,7 @@ async fn accept(listener: TcpListener, routes: Router) {
                 said = Some(Instant::now());
                 tracing::warn!("{turned_away} connections turned away, the last from {}: {} are open already", from.ip(), connections());
             }
+            tokio::time::sleep(BREATH).await;
             continue;
         };
         tokio::spawn(serve(stream, routes.clone(), place));
