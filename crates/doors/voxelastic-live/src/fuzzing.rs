@@ -29,6 +29,11 @@ impl Server {
 
     /// What is answered to a client that sends this and nothing more.
     pub fn answer(&self, sent: &[u8]) -> Vec<u8> {
-        http::answered(self.0.clone(), sent)
+        http::answered(self.0.clone(), sent, None)
+    }
+
+    /// What is answered to a client that sends a request, these bytes once it has an answer, and nothing more.
+    pub fn answer_then(&self, request: &[u8], sent: &[u8]) -> Vec<u8> {
+        http::answered(self.0.clone(), request, Some(sent))
     }
 }

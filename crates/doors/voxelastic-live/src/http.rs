@@ -135,9 +135,9 @@ async fn serve(stream: impl AsyncRead + AsyncWrite + Unpin + Send + 'static, rou
     drop(tokio::time::timeout(LONGEST, connection).await);
 }
 
-/// What a client that sends some bytes, and then nothing more, is answered: the server without its network, for fuzzing.
+/// What a client is answered that sends some bytes, `then` others once it has an answer, and then nothing more: the server without its network, for fuzzing.
 #[cfg(feature = "fuzzing")]
-pub(crate) fn answered(routes: Router, sent: &[u8]) -> Vec<u8> {
+pub(crate) fn answered(routes: Router, sent: &[u8], then: Option<&[u8]>) -> Vec<u8> {
     use tokio::io::{AsyncReadExt, AsyncWriteExt};
     let Ok(runtime) = tokio::runtime::Builder::new_current_thread().enable_time().build() else { return Vec::new() };
     let (client, server) = tokio::io::duplex(1 << 16);
@@ -146,8 +146,12 @@ pub(crate) fn answered(routes: Router, sent: &[u8]) -> Vec<u8> {
     runtime.block_on(async {
         let Ok(place) = Arc::new(Semaphore::new(1)).try_acquire_owned() else { return };
         tokio::spawn(serve(server, guarded(routes, Vec::new()), place));
+        let _ = requests.write_all(sent).await;
+        if then.is_some() {
+            let _ = answers.read_buf(&mut answer).await;
+        }
         let send = async {
-            let _ = requests.write_all(sent).await;
+            let _ = requests.write_all(then.unwrap_or_default()).await;
             let _ = requests.shutdown().await;
         };
         let _ = tokio::join!(send, answers.read_to_end(&mut answer));
