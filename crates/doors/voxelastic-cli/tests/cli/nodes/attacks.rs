@@ -3,7 +3,7 @@
 use crate::{Finished, voxelastic};
 use rustix::process::{Pid, Signal, kill_process};
 use std::io::{BufRead, BufReader, Read, Write};
-use std::net::{TcpStream, UdpSocket};
+use std::net::{TcpListener, TcpStream, UdpSocket};
 use std::path::Path;
 use std::process::{Child, Stdio};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -72,18 +72,14 @@ struct Node {
 }
 
 impl Node {
+    /// The node of a sensor serves when that is heard: the ports are chosen before.
     fn start(dir: &Path, arguments: &str) -> (Self, [u16; 2]) {
-        let arguments = format!("live {arguments} --view=127.0.0.1:0 --foxglove=127.0.0.1:0 --json");
+        let ports = [(); 2].map(|()| TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port());
+        let [view, foxglove] = ports;
+        let arguments = format!("live {arguments} --view=127.0.0.1:{view} --foxglove=127.0.0.1:{foxglove} --json");
         let mut child = voxelastic(dir).args(arguments.split(' ')).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
         let lines = Box::new(BufReader::new(child.stderr.take().unwrap()).lines().map_while(Result::ok));
-        let mut node = Self { child, lines, said: Vec::new() };
-        let mut ports = [0; 2];
-        while ports.contains(&0) {
-            let line = node.next();
-            let port = line.rsplit_once("127.0.0.1:").and_then(|(_, rest)| rest.split(|c: char| !c.is_ascii_digit()).next()?.parse().ok());
-            ports[usize::from(line.to_lowercase().contains("foxglove"))] = port.unwrap_or(0);
-        }
-        (node, ports)
+        (Self { child, lines, said: Vec::new() }, ports)
     }
 
     fn next(&mut self) -> String {
@@ -100,7 +96,7 @@ impl Node {
     }
 
     /// Ends it; what it says of the run.
-    fn end(mut self) -> serde_json::Value {
+    fn end(self) -> serde_json::Value {
         kill_process(Pid::from_child(&self.child), Signal::INT).unwrap();
         let rest = std::thread::spawn(move || self.lines.for_each(drop));
         let done: Finished = self.child.wait_with_output().unwrap().into();
@@ -189,7 +185,8 @@ fn best(runs: &[Came]) -> (f64, f64) {
 fn all_attacks_at_once_cost_no_scan() {
     let temporary = tempfile::tempdir().unwrap();
     let dir = temporary.path();
-    for (name, run) in [("hall", recording as fn(&Path, bool) -> Came), ("sensor", sensor)] {
+    let mut ratios = Vec::new();
+    for (name, run) in [("sensor", sensor as fn(&Path, bool) -> Came), ("hall", recording)] {
         let (mut alone, mut attacked) = (Vec::new(), Vec::new());
         for _ in 0..3 {
             alone.push(run(dir, false));
@@ -201,6 +198,8 @@ fn all_attacks_at_once_cost_no_scan() {
         assert!(attacked.iter().chain(&alone).all(|came| came.lost == 0 && came.scans == alone[0].scans));
         assert!(attacked.iter().all(|came| came.attempts > CONNECTIONS));
         // Foxglove's port keeps a number of megabytes for its clients, however many there are.
-        assert!(attacked_seconds < 1.15 * seconds && attacked_peak < peak + 200.0);
+        assert!(attacked_peak < peak + 200.0);
+        ratios.push(attacked_seconds / seconds);
     }
+    assert!(ratios.iter().all(|ratio| *ratio < 1.15), "{ratios:?}");
 }
