@@ -29,8 +29,9 @@ const READERS: [&str; 20] = [
 ];
 
 /// Second versions that others still need, and who.
-const SECOND: [(&str, &str, &str); 4] = [
+const SECOND: [(&str, &str, &str); 5] = [
     ("las", "v0.10", "copc-core, which writes"),
+    ("laz", "v0.12", "copc-core"),
     ("lz4_flex", "v0.10", "zenoh-transport, for links with compression, which are not built (RUSTSEC-2026-0041)"),
     ("miniz_oxide", "v0.8", "png"),
     ("toml", "v0.9", "zenoh-config"),
