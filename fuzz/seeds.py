@@ -166,17 +166,66 @@ def packets(folder):
         (folder / name).write_bytes(table.encode() + b"\0" + capture)
 
 
+def maps(folder):
+    """What follows the checksum of the manifest that is kept; journals and states, as in fuzz_targets/journal.rs."""
+    kept = REPOSITORY / "crates/parts/voxelastic-io/tests/fixtures/map-v4/manifest.json"
+    (folder / "manifest" / "kept").write_bytes(kept.read_bytes().split(b'"crc32": "', 1)[1][8:])
+    (folder / "journal" / "records").write_bytes(b"\0!\x03abc!\0!\x05hello")
+    (folder / "journal" / "cut").write_bytes(b"\0!\x03abc\x10\0\0\0\0\0\0\0")
+    pose = "[0.0,0.0,0.0,0.0,0.0,0.0,1.0]"
+    table = f'{{"submaps":[{{"id":0,"t_map_submap":{pose}}}],"journal":["journal-00000001.vxj",19]}}'.encode()
+    (folder / "journal" / "state").write_bytes(b"\1" + len(table).to_bytes(8, "little") + table + b"state")
+
+
+def asked(folder):
+    """What clients send."""
+    for name, request in {
+        "page": "GET / HTTP/1.1\r\nHost: localhost\r\n\r\n",
+        "health": "GET /health HTTP/1.1\r\nHost: [::1]:80\r\nOrigin: http://[::1]:80\r\n\r\n",
+        "stranger": "GET / HTTP/1.1\r\nHost: evil.test\r\nOrigin: http://evil.test\r\n\r\n",
+        "socket": "GET /socket?session=1&tiles=2 HTTP/1.1\r\nHost: localhost\r\nConnection: Upgrade\r\nUpgrade: websocket\r\nSec-WebSocket-Version: 13\r\n"
+        "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n",
+        "load": "POST /load HTTP/1.1\r\nHost: localhost\r\nAuthorization: Bearer a-token-for-fuzzing\r\nContent-Length: 4\r\n\r\na.vox",
+        "chunks": "POST /save HTTP/1.1\r\nHost: localhost\r\nAuthorization: Bearer a-token-for-fuzzing\r\nTransfer-Encoding: chunked\r\n\r\n1\r\na\r\n0\r\n\r\n",
+    }.items():
+        (folder / "http" / name).write_bytes(request.encode())
+    subscribe = b'{"op":"subscribe","subscriptions":[{"id":7,"channelId":1},{"id":8,"channelId":2}]}'
+    leave = b'{"op":"unsubscribe","subscriptionIds":[7]}'
+    (folder / "frames" / "texts").write_bytes(b"\3" + b"".join(bytes([len(text)]) + text for text in (subscribe, leave, b'{"op":"other"}')))
+    for kind in (0, 1):
+        (folder / "frames" / f"raw{kind}").write_bytes(bytes([kind]) + b"\x89\x82\1\2\3\4ab\x01\x81\0\0\0\0a\x80\x81\0\0\0\0b\x88\x80\0\0\0\0")
+
+
+def pictures(folder):
+    """Of the size that fuzz_targets/images.rs takes."""
+    import cv2
+
+    image = np.arange(16 * 24 * 3, dtype=np.uint8).reshape(16, 24, 3)
+    for name, content, options in (
+        ("colour.png", image, []),
+        ("grey.png", image[..., 0], []),
+        ("deep.png", image.astype(np.uint16) * 200, []),
+        ("palette.png", image[..., 0] // 128 * 255, [cv2.IMWRITE_PNG_BILEVEL, 1]),
+        ("colour.jpg", image, []),
+        ("grey.jpg", image[..., 0], []),
+        ("progressive.jpg", image, [cv2.IMWRITE_JPEG_PROGRESSIVE, 1, cv2.IMWRITE_JPEG_RST_INTERVAL, 1]),
+    ):
+        cv2.imwrite(str(folder / name), content, options)
+
+
 def main():
     folder = Path(sys.argv[1])
     data = Path(sys.argv[2]) if len(sys.argv) > 2 else None
-    for target in ("ros1", "mcap", "sqlite", "message", "las", "e57", "pcd", "ply", "poses", "bin", "ouster", "packets", "dumps"):
+    for target in ("ros1", "mcap", "sqlite", "message", "las", "e57", "pcd", "ply", "poses", "bin", "ouster", "packets", "dumps", "images", "manifest", "journal", "http", "frames"):
         (folder / target).mkdir(parents=True, exist_ok=True)
     texts(folder)
     dumps(folder / "dumps")
     packets(folder / "packets")
+    maps(folder)
+    asked(folder)
     if data:
         real(folder, data)
-    for write, where in ((las, folder / "las"), (e57, folder / "e57"), (open3d, folder), (recordings, folder)):
+    for write, where in ((las, folder / "las"), (e57, folder / "e57"), (open3d, folder), (pictures, folder / "images"), (recordings, folder)):
         try:
             write(where)
         except ImportError as error:

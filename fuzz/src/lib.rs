@@ -7,6 +7,7 @@
 //! ```
 
 pub mod dumps;
+pub mod maps;
 pub mod message;
 
 use std::path::{Path, PathBuf};

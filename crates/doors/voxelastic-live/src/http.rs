@@ -2,6 +2,7 @@
 //!
 //! Scans come before those who look: connections are few enough that descriptors remain for data and for saving.
 
+use crate::tile_thread::lower_priority;
 use axum::extract::{Request, State};
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::middleware::{Next, from_fn_with_state};
@@ -15,6 +16,7 @@ use std::net::{IpAddr, SocketAddr, TcpListener};
 use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
+use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, oneshot};
 
 /// Most connections at a time, and the part of the process's descriptors that they may take.
@@ -27,6 +29,8 @@ const LARGEST_HEAD: usize = 16 << 10;
 const LONGEST: Duration = Duration::from_secs(150);
 /// Between attempts to take a connection when the system refuses.
 const PAUSE: Duration = Duration::from_millis(100);
+/// After a connection that is turned away: whoever opens one after the other costs no more than so many.
+const BREATH: Duration = Duration::from_millis(1);
 /// Those turned away are spoken of this often.
 const SAY_EVERY: Duration = Duration::from_secs(60);
 
@@ -45,8 +49,9 @@ pub(crate) struct Place(#[expect(dead_code, reason = "kept for what happens when
 /// Who may ask.
 #[derive(Clone, Debug)]
 struct Allowed {
-    is_local: bool,
     origins: Arc<[String]>,
+    /// Of this machine.
+    names: Arc<[String]>,
 }
 
 impl HttpServer {
@@ -58,11 +63,11 @@ impl HttpServer {
         let listener = TcpListener::bind(address)?;
         listener.set_nonblocking(true)?;
         let address = listener.local_addr()?;
-        let allowed = Allowed { is_local: address.ip().is_loopback(), origins: origins.into() };
-        let routes = routes.layer(from_fn_with_state(allowed, guard));
+        let routes = guarded(routes, origins);
         let runtime = tokio::runtime::Builder::new_current_thread().enable_io().enable_time().build()?;
         let (stop, stopped) = oneshot::channel();
         let thread = std::thread::Builder::new().name(name.to_owned()).spawn(move || {
+            lower_priority();
             runtime.block_on(async {
                 tokio::select! {
                     () = accept(listener, routes) => {}
@@ -101,8 +106,6 @@ fn connections() -> usize {
 async fn accept(listener: TcpListener, routes: Router) {
     let Ok(listener) = tokio::net::TcpListener::from_std(listener) else { return };
     let places = Arc::new(Semaphore::new(connections()));
-    let mut http = http1::Builder::new();
-    http.timer(TokioTimer::new()).header_read_timeout(HEAD_TIME).max_buf_size(LARGEST_HEAD);
     let (mut turned_away, mut said) = (0usize, None::<Instant>);
     loop {
         let Ok((stream, from)) = listener.accept().await else {
@@ -115,13 +118,50 @@ async fn accept(listener: TcpListener, routes: Router) {
                 said = Some(Instant::now());
                 tracing::warn!("{turned_away} connections turned away, the last from {}: {} are open already", from.ip(), connections());
             }
+            tokio::time::sleep(BREATH).await;
             continue;
         };
-        let routes = TowerToHyperService::new(routes.clone().layer(Extension(Place(Arc::new(place)))));
-        let connection = http.serve_connection(TokioIo::new(stream), routes).with_upgrades();
-        // An error is a client that has gone, or one that took too long.
-        tokio::spawn(async move { drop(tokio::time::timeout(LONGEST, connection).await) });
+        tokio::spawn(serve(stream, routes.clone(), place));
     }
+}
+
+/// Answers a client until one of both has enough.
+async fn serve(stream: impl AsyncRead + AsyncWrite + Unpin + Send + 'static, routes: Router, place: OwnedSemaphorePermit) {
+    let mut http = http1::Builder::new();
+    http.timer(TokioTimer::new()).header_read_timeout(HEAD_TIME).max_buf_size(LARGEST_HEAD);
+    let routes = TowerToHyperService::new(routes.layer(Extension(Place(Arc::new(place)))));
+    let connection = http.serve_connection(TokioIo::new(stream), routes).with_upgrades();
+    // An error is a client that has gone, or one that took too long.
+    drop(tokio::time::timeout(LONGEST, connection).await);
+}
+
+/// What a client is answered that sends some bytes, `then` others once it has an answer, and then nothing more: the server without its network, for fuzzing.
+#[cfg(feature = "fuzzing")]
+pub(crate) fn answered(routes: Router, sent: &[u8], then: Option<&[u8]>) -> Vec<u8> {
+    use tokio::io::{AsyncReadExt, AsyncWriteExt};
+    let Ok(runtime) = tokio::runtime::Builder::new_current_thread().enable_time().build() else { return Vec::new() };
+    let (client, server) = tokio::io::duplex(1 << 16);
+    let (mut answers, mut requests) = tokio::io::split(client);
+    let mut answer = Vec::new();
+    runtime.block_on(async {
+        let Ok(place) = Arc::new(Semaphore::new(1)).try_acquire_owned() else { return };
+        tokio::spawn(serve(server, guarded(routes, Vec::new()), place));
+        let _ = requests.write_all(sent).await;
+        if then.is_some() {
+            let _ = answers.read_buf(&mut answer).await;
+        }
+        let send = async {
+            let _ = requests.write_all(then.unwrap_or_default()).await;
+            let _ = requests.shutdown().await;
+        };
+        let _ = tokio::join!(send, answers.read_to_end(&mut answer));
+    });
+    answer
+}
+
+/// Routes that only those who may are shown.
+fn guarded(routes: Router, origins: Vec<String>) -> Router {
+    routes.layer(from_fn_with_state(Allowed { origins: origins.into(), names: names().into() }, guard))
 }
 
 /// Refuses strangers, and tells browsers what pages may do with an answer.
@@ -129,7 +169,9 @@ async fn guard(State(allowed): State<Allowed>, request: Request, next: Next) -> 
     let mut response = if allowed.allows(request.headers()) {
         next.run(request).await
     } else {
-        (StatusCode::FORBIDDEN, "this map is shown to pages of its own server only, and to those of known origins (--allow-origin)\n").into_response()
+        let words = "this map is shown at addresses, at localhost, at this machine's name and at those of known origins, to pages of its own server and of \
+                     known origins (--allow-origin)\n";
+        (StatusCode::FORBIDDEN, words).into_response()
     };
     let is_upgraded = response.status() == StatusCode::SWITCHING_PROTOCOLS;
     let headers = response.headers_mut();
@@ -147,20 +189,36 @@ async fn guard(State(allowed): State<Allowed>, request: Request, next: Next) -> 
 }
 
 impl Allowed {
-    /// Whether a request comes from a page of this server or of a known origin, or from no page. A local server is asked for by a local name: another one may be
-    /// a stranger's that was made to lead here.
+    /// Whether a request comes from a page of this server or of a known origin, or from no page, and asks for this machine by a name that is its own: another one
+    /// may be a stranger's that was made to lead here.
     fn allows(&self, headers: &HeaderMap) -> bool {
         let text = |name: header::HeaderName| headers.get(name).map(|value| value.to_str().unwrap_or_default());
         let host = text(header::HOST).unwrap_or_default();
         let is_known = |origin: &str| origin.strip_prefix("http://") == Some(host) || self.origins.iter().any(|known| known == origin);
-        text(header::ORIGIN).is_none_or(is_known) && (!self.is_local || is_local(host))
+        text(header::ORIGIN).is_none_or(is_known) && self.is_here(host)
+    }
+
+    /// Whether a host, perhaps with a port, is an address, a name of this machine, or that of a known origin.
+    fn is_here(&self, host: &str) -> bool {
+        let name = name_of(host);
+        let is = |known: &str| known.eq_ignore_ascii_case(name);
+        let of_origin = |origin: &String| origin.split_once("://").is_some_and(|(_, host)| !host.is_empty() && is(name_of(host)));
+        let is_address = name.trim_start_matches('[').trim_end_matches(']').parse::<IpAddr>().is_ok();
+        is_address || is("localhost") || self.names.iter().any(|known| is(known)) || self.origins.iter().any(of_origin)
     }
 }
 
-/// Whether a host, perhaps with a port, is an address or `localhost`.
-fn is_local(host: &str) -> bool {
-    let name = host.rsplit_once(':').filter(|(_, port)| port.parse::<u16>().is_ok()).map_or(host, |(name, _)| name);
-    name == "localhost" || name.trim_start_matches('[').trim_end_matches(']').parse::<IpAddr>().is_ok()
+/// A host without its port.
+fn name_of(host: &str) -> &str {
+    host.rsplit_once(':').filter(|(_, port)| port.parse::<u16>().is_ok()).map_or(host, |(name, _)| name)
+}
+
+/// What this machine is called, whole, by its first part, and as the local network finds it without a server of names.
+fn names() -> Vec<String> {
+    let name = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
+    let name = name.trim();
+    let first = name.split('.').next().unwrap_or_default();
+    if first.is_empty() { Vec::new() } else { vec![name.to_owned(), first.to_owned(), format!("{first}.local")] }
 }
 
 #[cfg(test)]
@@ -172,12 +230,16 @@ mod tests {
     use voxelastic_testing::PATIENCE;
 
     fn server(origins: &[&str]) -> HttpServer {
+        server_at([127, 0, 0, 1], origins)
+    }
+
+    fn server_at(address: [u8; 4], origins: &[&str]) -> HttpServer {
         let origins = origins.iter().map(ToString::to_string).collect();
-        HttpServer::start("test", ([127, 0, 0, 1], 0).into(), origins, Router::new().route("/", get(|| async { "the map" }))).unwrap()
+        HttpServer::start("test", (address, 0).into(), origins, Router::new().route("/", get(|| async { "the map" }))).unwrap()
     }
 
     fn sent(server: &HttpServer, text: &str) -> TcpStream {
-        let mut stream = TcpStream::connect(server.address()).unwrap();
+        let mut stream = TcpStream::connect(("127.0.0.1", server.address().port())).unwrap();
         stream.set_read_timeout(Some(PATIENCE)).unwrap();
         // One that is turned away may be closed already.
         let _ = stream.write_all(text.as_bytes());
@@ -204,6 +266,7 @@ mod tests {
             ("Host: localhost\r\nOrigin: https://app.example", true),
             ("Host: evil.example", false),
             ("Host: evil.example\r\nOrigin: https://app.example", false),
+            ("Host: app.example\r\nOrigin: https://app.example", true),
             ("Host: localhost\r\nOrigin: http://evil.example", false),
             ("Host: localhost\r\nOrigin: https://app.example.evil", false),
             ("Host: localhost\r\nOrigin: null", false),
@@ -216,6 +279,28 @@ mod tests {
                 ["x-frame-options: DENY", "content-security-policy: default-src 'none'", "nosniff"].iter().all(|line| answer.contains(line)),
                 "{answer}"
             );
+        }
+    }
+
+    /// Whether it is asked for at this machine or from the network: a page whose name a stranger leads here stays outside.
+    #[test]
+    fn a_server_answers_to_names_of_its_own() {
+        for address in [[127, 0, 0, 1], [0, 0, 0, 0]] {
+            let server = server_at(address, &["https://robot.example", "file://"]);
+            let mut hosts = vec![("192.168.1.7:9000", true), ("[fe80::1]:80", true), ("LOCALHOST", true), ("robot.example:9000", true)];
+            hosts.extend(
+                ["evil.example", "evil.example:80", "localhost.evil.example", "1.2.3.4.evil.example", "robot.example.evil", "", ":80"]
+                    .map(|host| (host, false)),
+            );
+            let names = names();
+            hosts.extend(names.iter().map(|name| (name.as_str(), true)));
+            for (host, is_here) in hosts {
+                for origin in [String::new(), format!("\r\nOrigin: http://{host}")] {
+                    let answer = asked(&server, &format!("Host: {host}{origin}"));
+                    assert_eq!(answer.contains("the map"), is_here, "{address:?}, {host}{origin}: {answer}");
+                }
+            }
+            assert!(!asked(&server, "Accept: */*").contains("the map"), "a request that names no host");
         }
     }
 

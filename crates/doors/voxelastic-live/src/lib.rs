@@ -18,6 +18,8 @@
 //! puts what changed into a [`Scene`](scene::Scene), and never waits for those who look at it.
 
 pub mod feed;
+#[cfg(feature = "fuzzing")]
+pub mod fuzzing;
 mod http;
 pub mod node;
 pub mod ouster;

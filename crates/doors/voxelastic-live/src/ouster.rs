@@ -59,14 +59,14 @@ pub struct OusterInput {
 
 impl OusterInput {
     /// Listens at `addresses` for packets of a sensor; those of the lidar and of the inertial measurement unit may come to the same port. With `from`, packets
-    /// of other machines are ignored.
+    /// of other machines are ignored; without, those of others than the first with several that belong together, until that one is silent.
     ///
     /// # Errors
     /// When a port is taken.
     pub fn listen(metadata: SensorMetadata, addresses: &[SocketAddr], from: Option<IpAddr>, use_imu: bool) -> io::Result<Self> {
         let (sender, packets) = sync_channel(WAITING);
         let lost = Arc::<AtomicUsize>::default();
-        let listen = |address: &SocketAddr| Listener::start(*address, from, sender.clone(), |payload, _| payload, Arc::clone(&lost));
+        let listen = |address: &SocketAddr| Listener::start(*address, from, sender.clone(), Arc::clone(&lost));
         let sockets = addresses.iter().map(listen).collect::<io::Result<Vec<_>>>()?;
         Ok(Self { scans: LiveScans::of_ouster(metadata, packets, "the sensor", use_imu), sockets, lost })
     }

@@ -8,8 +8,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::AtomicUsize;
 use std::sync::mpsc::sync_channel;
-use std::time::{SystemTime, UNIX_EPOCH};
-use voxelastic_io::bag::live::{LiveScans, SensorPacket};
+use voxelastic_io::bag::live::LiveScans;
 use voxelastic_run::{Error, Input, Result};
 
 /// Datagrams that may wait to be looked at: more than a second of the sensors with the most.
@@ -32,9 +31,7 @@ impl SpinningInput {
     pub fn listen(address: SocketAddr, from: Option<IpAddr>, angles: Option<PathBuf>) -> io::Result<Self> {
         let (sender, packets) = sync_channel(WAITING);
         let lost = Arc::<AtomicUsize>::default();
-        let now = || SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |since| since.as_secs_f64());
-        let received = move |payload, source| SensorPacket { payload, source, time: now() };
-        let socket = Listener::start(address, from, sender, received, Arc::clone(&lost))?;
+        let socket = Listener::start(address, from, sender, Arc::clone(&lost))?;
         let address = socket.address();
         Ok(Self { scans: LiveScans::of_spinning(packets, "the sensor", angles), socket: Some(socket), address, lost })
     }

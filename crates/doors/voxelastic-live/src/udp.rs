@@ -6,8 +6,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc::{SyncSender, TrySendError};
 use std::thread::JoinHandle;
-use std::time::Duration;
-use voxelastic_io::bag::live::{LiveScans, Polled};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use voxelastic_io::bag::live::{LiveScans, Polled, SensorPacket};
 use voxelastic_run::Input;
 use voxelastic_slam::slam::RawScan;
 
@@ -26,14 +26,8 @@ pub(crate) struct Listener {
 }
 
 impl Listener {
-    /// Sends what `received` makes of each datagram, with `from` of those of this machine only. What there is no room for is counted as lost.
-    pub(crate) fn start<T: Send + 'static>(
-        address: SocketAddr,
-        from: Option<IpAddr>,
-        sender: SyncSender<T>,
-        received: impl Fn(Vec<u8>, IpAddr) -> T + Send + 'static,
-        lost: Arc<AtomicUsize>,
-    ) -> io::Result<Self> {
+    /// Sends each datagram on, with `from` those of this machine only. What there is no room for is counted as lost.
+    pub(crate) fn start(address: SocketAddr, from: Option<IpAddr>, sender: SyncSender<SensorPacket>, lost: Arc<AtomicUsize>) -> io::Result<Self> {
         let socket = UdpSocket::bind(address)?;
         socket.set_read_timeout(Some(LOOK))?;
         let (address, is_over) = (socket.local_addr()?, Arc::<AtomicBool>::default());
@@ -49,7 +43,9 @@ impl Listener {
                     }
                     continue;
                 }
-                if let Err(TrySendError::Full(_)) = sender.try_send(received(buffer[..length].to_vec(), source.ip())) {
+                let time = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |since| since.as_secs_f64());
+                let packet = SensorPacket { payload: buffer[..length].to_vec(), source: source.ip(), time };
+                if let Err(TrySendError::Full(_)) = sender.try_send(packet) {
                     lost.fetch_add(1, Ordering::Relaxed);
                 }
             }

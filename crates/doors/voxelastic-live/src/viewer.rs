@@ -83,19 +83,23 @@ impl Viewer {
     /// # Errors
     /// When the address is taken or not of this machine, or the system has no thread.
     pub fn start(scene: Arc<Scene>, title: &str, address: SocketAddr, origins: Vec<String>, control: Option<Control>) -> io::Result<Self> {
-        let session = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_nanos() as u64);
-        let viewers = Arc::new(Semaphore::new(VIEWERS));
-        let site = Site { scene, page: page::html(title).into(), session, viewers, control: control.map(Arc::new) };
-        let routes = Router::new().route("/", get(page_of)).route("/socket", get(socket)).route("/health", get(health));
-        let requests = ["/save", "/mesh", "/pause", "/resume", "/reset", "/load", "/explore", "/explore/pause", "/explore/home"];
-        let routes = requests.into_iter().fold(routes, |routes, path| routes.route(path, post(self::control)));
-        HttpServer::start("viewer", address, origins, routes.with_state(site)).map(Self)
+        HttpServer::start("viewer", address, origins, routes(scene, title, control)).map(Self)
     }
 
     /// Where it is.
     pub fn address(&self) -> SocketAddr {
         self.0.address()
     }
+}
+
+/// What is answered where.
+pub(crate) fn routes(scene: Arc<Scene>, title: &str, control: Option<Control>) -> Router {
+    let session = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_nanos() as u64);
+    let viewers = Arc::new(Semaphore::new(VIEWERS));
+    let site = Site { scene, page: page::html(title).into(), session, viewers, control: control.map(Arc::new) };
+    let routes = Router::new().route("/", get(page_of)).route("/socket", get(socket)).route("/health", get(health));
+    let requests = ["/save", "/mesh", "/pause", "/resume", "/reset", "/load", "/explore", "/explore/pause", "/explore/home"];
+    requests.into_iter().fold(routes, |routes, path| routes.route(path, post(self::control))).with_state(site)
 }
 
 /// The page. Its own scripts are those with a word that nobody can know before, so that nothing else in it is ever run.

@@ -23,6 +23,12 @@ pub use last_read::{last_read, note_read};
 pub use patience::patiently;
 pub use scratch::Scratch;
 
+/// Whether a lock was refused because the file system has none: some of networks do not, or not without a service that does not run. Nobody else holds it then.
+pub fn knows_no_locks(error: &io::Error) -> bool {
+    const NO_LOCKS: i32 = if cfg!(any(target_os = "linux", target_os = "android")) { 37 } else { 77 };
+    error.kind() == io::ErrorKind::Unsupported || cfg!(unix) && error.raw_os_error() == Some(NO_LOCKS)
+}
+
 use std::fs::{self, File};
 use std::io::{self, BufWriter};
 use std::path::{Path, PathBuf};

@@ -32,7 +32,7 @@ impl Scratch {
                 // Another process takes it for litter, which it was before it was locked.
                 Err(error) if matches!(error.kind(), io::ErrorKind::NotFound | io::ErrorKind::WouldBlock) => {}
                 // Some file systems know no locks; litter stays there.
-                Err(error) if error.kind() == io::ErrorKind::Unsupported => return Ok(Self { folder, lock: None }),
+                Err(error) if crate::knows_no_locks(&error) => return Ok(Self { folder, lock: None }),
                 Err(error) => {
                     let _ = fs::remove_dir_all(&folder);
                     return Err(error);

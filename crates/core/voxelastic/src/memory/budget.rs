@@ -71,7 +71,7 @@ impl Files {
 #[non_exhaustive]
 pub enum MemoryError {
     /// No file could be made.
-    #[error("{}: cannot make a file for what is beyond the memory budget", folder.display())]
+    #[error("{}: cannot make a file for what is beyond the memory budget, or have it in memory: {source}; TMPDIR names another folder", folder.display())]
     File {
         /// The folder.
         folder: PathBuf,

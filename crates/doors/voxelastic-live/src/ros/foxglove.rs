@@ -77,6 +77,26 @@ struct Published {
 }
 
 impl Hub {
+    fn new(name: &str) -> Arc<Self> {
+        let session = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_millis()).to_string();
+        let (board, changes) = (Mutex::default(), watch::Sender::new(()));
+        Arc::new(Self { name: name.to_owned(), session, board, changes, on_the_way: Semaphore::new(ON_THE_WAY) })
+    }
+
+    fn routes(self: Arc<Self>) -> Router {
+        Router::new().route("/", get(socket)).with_state(self)
+    }
+
+    fn add(&self, profile: &TopicProfile) -> Option<usize> {
+        let schema = definition(&profile.kind)?;
+        let mut board = self.board();
+        board.topics.push(Topic { profile: profile.clone(), schema, subscribers: 0, last: None });
+        let topic = board.topics.len() - 1;
+        drop(board);
+        self.changes.send_replace(());
+        Some(topic)
+    }
+
     fn board(&self) -> MutexGuard<'_, Board> {
         self.board.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -114,16 +134,8 @@ impl FoxgloveServer {
     /// # Errors
     /// When the address is taken or not of this machine.
     pub fn start(name: &str, address: SocketAddr, origins: Vec<String>) -> Result<Self, MiddlewareError> {
-        let session = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_millis()).to_string();
-        let hub = Arc::new(Hub {
-            name: name.to_owned(),
-            session,
-            board: Mutex::default(),
-            changes: watch::Sender::new(()),
-            on_the_way: Semaphore::new(ON_THE_WAY),
-        });
-        let routes = Router::new().route("/", get(socket)).with_state(Arc::clone(&hub));
-        let server = HttpServer::start("foxglove", address, origins, routes);
+        let hub = Hub::new(name);
+        let server = HttpServer::start("foxglove", address, origins, Arc::clone(&hub).routes());
         let server = server.map_err(|e| MiddlewareError::new(format!("cannot serve Foxglove at {address}"), e))?;
         Ok(Self { hub, server })
     }
@@ -139,14 +151,20 @@ impl FoxgloveServer {
     /// When its type is not one of those that are published.
     pub fn advertise(&self, profile: &TopicProfile) -> Result<Box<dyn Sink>, MiddlewareError> {
         let failed = || MiddlewareError::new(format!("cannot publish {} for Foxglove", profile.name), format!("{} is not known", profile.kind));
-        let schema = definition(&profile.kind).ok_or_else(failed)?;
-        let mut board = self.hub.board();
-        board.topics.push(Topic { profile: profile.clone(), schema, subscribers: 0, last: None });
-        let topic = board.topics.len() - 1;
-        drop(board);
-        self.hub.changes.send_replace(());
+        let topic = self.hub.add(profile).ok_or_else(failed)?;
         Ok(Box::new(ServerSink { hub: Arc::clone(&self.hub), topic }))
     }
+}
+
+/// The server's answers, with two topics and a message, for fuzzing.
+#[cfg(feature = "fuzzing")]
+pub(crate) fn fuzzed() -> Router {
+    let hub = Hub::new("fuzzed");
+    for (name, delivery) in [("/path", Delivery::Latched), ("/grid", Delivery::Reliable)] {
+        let topic = hub.add(&TopicProfile { name: name.into(), kind: "nav_msgs/msg/Path".into(), delivery, depth: 1 });
+        topic.into_iter().for_each(|topic| hub.board().publish(topic, &[7; 100]));
+    }
+    hub.routes()
 }
 
 struct ServerSink {

@@ -1,7 +1,7 @@
 //! What is added to a map: submaps of a session, with other numbers and corrected poses.
 
 use std::collections::HashMap;
-use std::time::SystemTime;
+use std::time::{SystemTime, UNIX_EPOCH};
 use voxelastic::Pose;
 use voxelastic::atlas::{Atlas, Submap, SubmapId, SubmapScan};
 use voxelastic::event::{Edge, NodeId};
@@ -73,7 +73,7 @@ pub fn sessions(
     let last = before.last().map_or(0, |session| session.number);
     let submap_of: HashMap<NodeId, SubmapId> =
         atlas.submaps().iter().flat_map(|submap| submap.scans().iter().map(|scan| (scan.node + offsets.node, submap.id()))).collect();
-    let now = humantime::format_rfc3339_seconds(SystemTime::now()).to_string();
+    let now = now();
     let session = |(old, number): (&SessionEntry, u32)| {
         let own = edges.iter().filter(|edge| submap_of.get(&edge.to).is_some_and(|id| old.has(*id)));
         let moved = old.loop_edges.iter().cloned().map(|mut edge| {
@@ -83,7 +83,7 @@ pub fn sessions(
         SessionEntry {
             number,
             input: old.input.clone(),
-            added: Some(now.clone()),
+            added: now.clone(),
             scans: old.scans,
             first_submap: old.first_submap + offsets.submap,
             last_submap: old.last_submap + offsets.submap,
@@ -94,4 +94,11 @@ pub fn sessions(
         }
     };
     added.iter().zip(last + 1..).map(session).collect()
+}
+
+/// When sessions are added; none where the clock shows no year of four digits.
+fn now() -> Option<String> {
+    const YEAR_10000: u64 = 253_402_300_800;
+    let since = SystemTime::now().duration_since(UNIX_EPOCH).ok().filter(|since| since.as_secs() < YEAR_10000)?;
+    Some(humantime::format_rfc3339_seconds(UNIX_EPOCH + since).to_string())
 }

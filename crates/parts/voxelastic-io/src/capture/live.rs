@@ -15,11 +15,11 @@ use std::time::{Duration, Instant};
 /// How long a call waits for a packet.
 const POLL_INTERVAL: Duration = Duration::from_millis(20);
 /// A source is a sensor when so many packets of one kind have come from it, one after the other ...
-const CONSISTENT: usize = 8;
+pub(crate) const CONSISTENT: usize = 8;
 /// ... and is given up for another when it has sent nothing for this long, seconds.
-const SILENCE: f64 = 5.0;
+pub(crate) const SILENCE: f64 = 5.0;
 /// Sources that are looked at, or spoken of, at a time.
-const CANDIDATES: usize = 16;
+pub(crate) const CANDIDATES: usize = 16;
 
 /// A datagram of a sensor.
 #[derive(Clone, Debug)]

@@ -27,6 +27,6 @@ pub(crate) use files::find_angles;
 pub(crate) use frames::{MAGICS, PCAPNG};
 pub(crate) use kind::CaptureKind;
 pub use live::SensorPacket;
-pub(crate) use live::SpinningStream;
+pub(crate) use live::{CANDIDATES, CONSISTENT, SILENCE, SpinningStream};
 pub(crate) use packet_sensor::{PacketScans, PacketSensor};
 pub(crate) use stream::{CapturedScans, message};

@@ -90,6 +90,11 @@ pub(crate) fn columns<'a>(metadata: &SensorMetadata, packet: &'a [u8]) -> Vec<Co
     packet[layout.packet_head..].chunks_exact(size).take(metadata.columns_per_packet).filter_map(read).collect()
 }
 
+/// Whether a datagram has columns of a sensor.
+pub(crate) fn has_columns(metadata: &SensorMetadata, bytes: &[u8]) -> bool {
+    !columns(metadata, trimmed(metadata, bytes)).is_empty()
+}
+
 /// Bytes of a packet of the inertial measurement unit.
 const IMU_PACKET: usize = 48;
 

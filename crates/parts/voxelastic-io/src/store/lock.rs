@@ -3,7 +3,7 @@
 use super::files::LOCK;
 use crate::{Error, Result};
 use std::fs::{File, OpenOptions, TryLockError};
-use std::io::{ErrorKind, Read, Write};
+use std::io::{Read, Write};
 use std::path::Path;
 use voxelastic_files::failpoint;
 
@@ -36,7 +36,7 @@ impl Lock {
                 return Err(Error::Locked { path: dir.to_owned(), pid });
             }
             // Some network file systems know no locks; mapping onto them must still be possible.
-            Err(TryLockError::Error(e)) if e.kind() == ErrorKind::Unsupported => {
+            Err(TryLockError::Error(e)) if voxelastic_files::knows_no_locks(&e) => {
                 tracing::warn!(path = %path.display(), "the file system knows no locks: make sure that only one process writes this map");
             }
             Err(TryLockError::Error(e)) => return Err(Error::on_io("lock", &path)(e)),

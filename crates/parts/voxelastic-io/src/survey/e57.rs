@@ -3,12 +3,14 @@
 use super::{Gather, SurveyCloud, check};
 use crate::file::{self, write_atomically};
 use crate::{Error, Position, Result, unpacking};
-use e57::{CartesianCoordinate, E57Reader, E57Writer, PointCloud, Quaternion, Record, RecordValue, Transform, Translation};
+use e57::{CartesianCoordinate, E57Reader, E57Writer, PointCloud, Quaternion, Record, RecordDataType, RecordValue, Transform, Translation};
 use nalgebra::UnitQuaternion;
 use std::fs::File;
 use std::io::{BufReader, Cursor, Read, Seek, Write};
 use std::path::Path;
 use voxelastic::{Cloud, Pose};
+
+const REMEDY: &str = "copy it again or export it anew";
 
 /// A scan of an E57 file.
 #[derive(Clone, Debug, PartialEq)]
@@ -73,11 +75,19 @@ pub fn read_one(path: impl AsRef<Path>, number: usize) -> Result<E57Scan> {
 /// Refuses more points than a file of so many bytes can hold: what has the same value in all points takes no bits, and all of a point may.
 fn check_claims(scans: &[PointCloud], length: u64, path: &Path) -> Result<()> {
     let (claimed, most) = (scans.iter().fold(0, |sum: u64, scan| sum.saturating_add(scan.records)), unpacking::most_points(length));
+    // Of points without any bits the decoder makes as many as there is memory for.
+    let takes_bits = |record: &Record| match record.data_type {
+        RecordDataType::Integer { min, max } | RecordDataType::ScaledInteger { min, max, .. } => min < max,
+        _ => true,
+    };
+    if scans.iter().any(|scan| !scan.prototype.iter().any(takes_bits)) {
+        return Err(Error::content(path, Position::File, "points of which nothing is stored: all of them are the same", REMEDY));
+    }
     if claimed <= most {
         return Ok(());
     }
     let problem = format!("{claimed} points are claimed by a file of {length} bytes, more than {most}");
-    Err(Error::content(path, Position::File, problem, "copy it again or export it anew"))
+    Err(Error::content(path, Position::File, problem, REMEDY))
 }
 
 fn open(path: &Path) -> Result<E57Reader<BufReader<File>>> {
@@ -87,7 +97,7 @@ fn open(path: &Path) -> Result<E57Reader<BufReader<File>>> {
 }
 
 fn damaged(path: &Path, error: &e57::Error) -> Error {
-    Error::content(path, Position::File, format!("not readable as E57: {error}"), "copy it again or export it anew")
+    Error::content(path, Position::File, format!("not readable as E57: {error}"), REMEDY)
 }
 
 fn t_map_scan(described: &PointCloud) -> Pose {
@@ -185,27 +195,40 @@ fn write_scan(writer: &mut E57Writer<&mut Cursor<Vec<u8>>>, number: usize, scan:
 #[cfg(test)]
 mod tests {
     use super::*;
-    use e57::{RecordDataType, RecordName};
+    use e57::RecordName;
 
-    #[test]
-    fn points_that_take_hardly_a_bit_are_counted_against_the_file() {
+    /// A file of points that are the same, with a bit for one of `max` and one values of x, and none for the rest.
+    fn same(max: i64, points: u64) -> Vec<u8> {
         let mut bytes = Cursor::new(Vec::new());
         let mut writer = E57Writer::new(&mut bytes, "test").unwrap();
-        // A bit for one of two values, none for one of one.
         let name = |(name, max)| Record { name, data_type: RecordDataType::ScaledInteger { min: 0, max, scale: 1.0, offset: 0.0 } };
-        let records = [(RecordName::CartesianX, 1), (RecordName::CartesianY, 0), (RecordName::CartesianZ, 0)].map(name).to_vec();
+        let records = [(RecordName::CartesianX, max), (RecordName::CartesianY, 0), (RecordName::CartesianZ, 0)].map(name).to_vec();
         let mut scan = writer.add_pointcloud("bomb", records).unwrap();
-        let most = unpacking::most_points(0);
-        (0..=most).for_each(|_| scan.add_point(vec![RecordValue::ScaledInteger(0); 3]).unwrap());
+        (0..points).for_each(|_| scan.add_point(vec![RecordValue::ScaledInteger(0); 3]).unwrap());
         scan.finalize().unwrap();
         writer.finalize().unwrap();
         drop(writer);
-        assert!(bytes.get_ref().len() < 400_000, "{}", bytes.get_ref().len());
+        bytes.into_inner()
+    }
+
+    fn refused(bytes: &[u8]) -> String {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("bomb.e57");
-        std::fs::write(&path, bytes.get_ref()).unwrap();
-        for refused in [parse(bytes.get_ref(), &path).map(drop), read_one(&path, 0).map(drop)] {
-            assert!(refused.unwrap_err().to_string().contains("points are claimed"));
-        }
+        std::fs::write(&path, bytes).unwrap();
+        let one = read_one(&path, 0).unwrap_err().to_string();
+        assert_eq!(parse(bytes, &path).unwrap_err().to_string(), one);
+        one
+    }
+
+    #[test]
+    fn points_of_no_bits_are_refused() {
+        assert!(refused(&same(0, 3)).contains("nothing is stored"));
+    }
+
+    #[test]
+    fn points_that_take_hardly_a_bit_are_counted_against_the_file() {
+        let bytes = same(1, unpacking::most_points(0) + 1);
+        assert!(bytes.len() < 400_000, "{}", bytes.len());
+        assert!(refused(&bytes).contains("points are claimed"));
     }
 }

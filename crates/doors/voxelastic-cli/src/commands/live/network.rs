@@ -28,8 +28,8 @@ pub struct NetworkArgs {
     /// Serve what is published to Foxglove, with or without ROS 2. Without an address on this machine only, at 127.0.0.1:8765
     #[arg(long, value_name = "ADDRESS:PORT", num_args = 0..=1, require_equals = true, default_missing_value = "127.0.0.1:8765")]
     foxglove: Option<SocketAddr>,
-    /// Let web pages of this origin, too, read what --view and --foxglove serve, such as https://viewer.example. May be given several times [default: at Foxglove's
-    /// port https://app.foxglove.dev]
+    /// Let web pages of this origin, too, read what --view and --foxglove serve, such as https://viewer.example, and answer to its name. May be given several times
+    /// [default: at Foxglove's port https://app.foxglove.dev]
     #[arg(long, value_name = "ORIGIN", value_parser = origin)]
     allow_origin: Vec<String>,
     /// Record the messages that come in, for `voxelastic map` and to be played again; and what is published, in a second file: FILE-map.mcap

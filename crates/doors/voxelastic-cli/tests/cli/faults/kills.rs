@@ -5,17 +5,20 @@ use crate::faults::resume::{Numbers, compare, content, ends, grown, simulated};
 use crate::{fails, json, room, works};
 use std::collections::BTreeMap;
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use voxelastic::Pose;
 use voxelastic_io::poses;
+
+/// A file, or those of a folder by their paths in it.
+type Files = BTreeMap<PathBuf, Vec<u8>>;
 
 /// A command that is killed until it comes to its end, and what of it is compared.
 enum Subject {
     /// `map DATA` or `live --from DATA --rate max`: the map with that of a run that was not killed.
     Run(String),
-    /// A command and the file that it writes: that of before, or the new one.
-    Output { command: &'static str, file: &'static str, whole: Option<(Vec<u8>, Duration)> },
+    /// A command and the file or folder that it writes: that of before, or the new one.
+    Output { command: &'static str, file: &'static str, before: Files, whole: Option<(Files, Duration)> },
     /// `map DATA --into MAP`: the map of before, byte for byte, or that of a run that was not killed.
     Addition { data: &'static str, whole: Option<(BTreeMap<String, Vec<u8>>, Duration)> },
 }
@@ -29,7 +32,7 @@ struct Tally {
 
 impl Subject {
     fn output(command: &'static str, file: &'static str) -> Self {
-        Self::Output { command, file, whole: None }
+        Self::Output { command, file, before: Files::from([(PathBuf::new(), b"before".to_vec())]), whole: None }
     }
 
     fn addition(data: &'static str) -> Self {
@@ -48,21 +51,27 @@ impl Subject {
     fn kill(&mut self, dir: &Path, numbers: &mut Numbers) -> Tally {
         match self {
             Self::Run(arguments) => Tally { kills: compare(dir, arguments, 1, numbers), compared: 1 },
-            Self::Output { command, file, whole } => {
-                let arguments = format!("{command} {file}");
+            Self::Output { command, file, before, whole } => {
+                let (arguments, path) = (format!("{command} {file}"), dir.join(*file));
                 let (whole, takes) = whole.get_or_insert_with(|| {
                     let clock = Instant::now();
                     works(dir, &arguments);
-                    (fs::read(dir.join(*file)).unwrap(), clock.elapsed())
+                    (written(&path), clock.elapsed())
                 });
                 let mut tally = Tally::default();
                 for _ in 0..10 {
-                    fs::write(dir.join(*file), "before").unwrap();
+                    replace(&path, before);
                     let has_ended = ends(dir, &arguments, *takes, numbers);
-                    let found = fs::read(dir.join(*file)).unwrap();
-                    assert!(&found == whole || !has_ended && found == b"before", "{arguments}: {} bytes", found.len());
+                    let now = written(&path);
+                    let are_there = |files: &Files| files.iter().all(|(name, bytes)| now.get(name) == Some(bytes));
+                    assert!(are_there(whole) || !has_ended && are_there(before), "{arguments}: {:?}", now.keys());
                     tally = Tally { kills: tally.kills + usize::from(!has_ended), compared: tally.compared + 1 };
                 }
+                // One that comes to its end leaves nothing of those that did not.
+                works(dir, &arguments);
+                assert_eq!(written(&path).keys().collect::<Vec<_>>(), whole.keys().collect::<Vec<_>>(), "{arguments}");
+                let litter = |folder: &Path| fs::read_dir(folder).unwrap().any(|entry| entry.unwrap().file_name().to_string_lossy().starts_with('.'));
+                assert!(!litter(dir), "{arguments}");
                 tally
             }
             Self::Addition { data, whole } => {
@@ -79,6 +88,36 @@ impl Subject {
             }
         }
     }
+}
+
+/// The files that are at `path`.
+fn written(path: &Path) -> Files {
+    let (mut found, mut left) = (Files::new(), vec![path.to_owned()]);
+    while let Some(next) = left.pop() {
+        if next.is_dir() {
+            left.extend(fs::read_dir(next).unwrap().map(|entry| entry.unwrap().path()));
+        } else {
+            found.insert(next.strip_prefix(path).unwrap().to_owned(), fs::read(next).unwrap());
+        }
+    }
+    found
+}
+
+/// Makes `path` what it was.
+fn replace(path: &Path, files: &Files) {
+    let _ = fs::remove_dir_all(path);
+    for (name, bytes) in files {
+        let file = if name.as_os_str().is_empty() { path.to_owned() } else { path.join(name) };
+        fs::create_dir_all(file.parent().unwrap()).unwrap();
+        fs::write(file, bytes).unwrap();
+    }
+}
+
+/// The folder of tiles of a map, in which those of another one were.
+fn tiles(dir: &Path) -> Subject {
+    works(dir, "map first -o coarse.vox --voxel-size 0.5 --max-range 20");
+    works(dir, "export coarse.vox -o tiles/");
+    Subject::Output { command: "export made.vox -o", file: "tiles/", before: written(&dir.join("tiles")), whole: None }
 }
 
 /// Adds a drive to a copy of the map until it is in, with kills. After each, the map is that of before or the new one, and opens.
@@ -139,7 +178,8 @@ fn a_killed_output_is_the_old_or_the_new_file() {
     simulated(dir.path());
     works(dir.path(), "map street --voxel-size 0.4 --max-range 20 -o made.vox");
     let mut numbers = Numbers(11);
-    let outputs = [Subject::output("mesh made.vox -o", "m.ply"), Subject::output("export made.vox -o", "m.las")];
+    let outputs = ["m.ply", "m.las", "m.copc.laz"]
+        .map(|file| Subject::output(if file.ends_with("ply") { "mesh made.vox -o" } else { "export made.vox -o" }, file));
     let kills: usize = outputs.into_iter().map(|mut output| output.kill(dir.path(), &mut numbers).kills).sum();
     assert!(kills > 0);
 }
@@ -164,8 +204,10 @@ fn a_thousand_kills() {
     maps.extend(without_poses.map(str::to_owned));
     // The same, played.
     let played: Vec<String> = maps.iter().map(|map| format!("{} --rate max", map.replacen("map ", "live --from ", 1))).collect();
-    let outputs = [("mesh made.vox -o", "m.ply"), ("export made.vox -o", "m.las"), ("render made.vox -o", "m.png")];
+    let outputs =
+        [("mesh made.vox -o", "m.ply"), ("export made.vox -o", "m.las"), ("export made.vox -o", "m.copc.laz"), ("render made.vox -o", "m.png")];
     let mut subjects: Vec<(&str, Subject)> = outputs.map(|(command, file)| ("outputs", Subject::output(command, file))).into();
+    subjects.push(("outputs", tiles(dir)));
     subjects.extend(maps.into_iter().map(|map| ("map", Subject::Run(map))));
     subjects.extend(played.into_iter().map(|live| ("live", Subject::Run(live))));
     subjects.extend(["second", "turned"].map(|data| ("into", Subject::addition(data))));

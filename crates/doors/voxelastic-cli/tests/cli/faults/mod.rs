@@ -8,6 +8,8 @@ pub(super) mod kills;
 #[cfg(target_os = "linux")]
 pub(super) mod memory;
 #[cfg(target_os = "linux")]
+pub(super) mod odd_systems;
+#[cfg(target_os = "linux")]
 pub(super) mod out_of_memory;
 pub(super) mod reliability;
 #[cfg(unix)]

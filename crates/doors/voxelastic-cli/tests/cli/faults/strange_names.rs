@@ -1,6 +1,6 @@
 //! Names that act on terminals, that are no text, or as long as file systems allow; and limits of the shell.
 
-use crate::{room, voxelastic, works};
+use crate::{json, room, voxelastic, works};
 use std::ffi::{OsStr, OsString};
 use std::os::unix::ffi::{OsStrExt, OsStringExt};
 use std::path::Path;
@@ -54,4 +54,32 @@ fn a_limit_on_the_size_of_files_is_an_error_of_writing() {
     assert_eq!(output.status.code(), Some(1), "{message}");
     assert!(message.contains("a.ply") && message.contains("File too large"), "{message}");
     assert!(!dir.join("a.ply").exists() && std::fs::read_dir(dir).unwrap().all(|entry| !entry.unwrap().file_name().as_bytes().starts_with(b".")));
+}
+
+/// What a shell, a service or a container may leave of files that are open at a time, and of stacks.
+#[test]
+fn few_files_and_small_stacks_are_enough() {
+    let temporary = tempfile::tempdir().unwrap();
+    let dir = temporary.path();
+    room::write(&dir.join("room"), 8);
+    works(dir, "map room -o whole.vox --voxel-size 0.1 --field both");
+    for limit in ["ulimit -n 32", "ulimit -s 128", "export RUST_MIN_STACK=16384"] {
+        let commands = [
+            "map room -o a.vox --voxel-size 0.1 --field both --checkpoints 2 --report --restart",
+            "live --from room --rate max -o b.vox --voxel-size 0.1 --restart",
+            "mesh a.vox -o a.ply",
+            "export a.vox -o a.copc.laz",
+            "export a.vox -o tiles/",
+            "render a.vox -o a.png",
+            "localize a.vox room",
+        ];
+        for command in commands {
+            let script = format!("{limit}; exec \"$0\" {command}");
+            let output = Command::new("sh").args(["-c", &script, env!("CARGO_BIN_EXE_voxelastic")]).current_dir(dir).output().unwrap();
+            assert_eq!(output.status.code(), Some(0), "{limit}; {command}: {}", String::from_utf8_lossy(&output.stderr));
+        }
+        assert_eq!(json(dir, "info a.vox --check --json")["scans"], 8);
+        let [whole, limited] = ["whole.vox", "a.vox"].map(|map| crate::faults::resume::content(&dir.join(map)));
+        assert_eq!(whole, limited, "{limit}");
+    }
 }

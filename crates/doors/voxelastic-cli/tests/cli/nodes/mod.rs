@@ -1,5 +1,7 @@
 //! Nodes, and what they publish.
 
+#[cfg(all(target_os = "linux", feature = "foxglove"))]
+pub(super) mod attacks;
 #[cfg(all(unix, feature = "ros2"))]
 pub(super) mod distances;
 pub(super) mod live;

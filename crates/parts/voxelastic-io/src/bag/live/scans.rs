@@ -74,9 +74,9 @@ impl LiveScans {
         Self { player: RawPlayer::new(Box::new(stream), mount, log), frames }
     }
 
-    /// Of the datagrams of an Ouster sensor, as they come from `origin`; those of its inertial measurement unit among them if `use_imu`. It ends when their
-    /// sender does.
-    pub fn of_ouster(metadata: SensorMetadata, packets: Receiver<Vec<u8>>, origin: &str, use_imu: bool) -> Self {
+    /// Of the datagrams of an Ouster sensor, as they come from `origin`; those of its inertial measurement unit among them if `use_imu`. The first source with
+    /// some that belong together is the sensor, until it is silent. It ends when their sender does.
+    pub fn of_ouster(metadata: SensorMetadata, packets: Receiver<SensorPacket>, origin: &str, use_imu: bool) -> Self {
         let log = Arc::new(PlaybackLog::of_passing_scans());
         let mount = use_imu.then(|| ImuMount::new(metadata.t_sensor_imu));
         let stream = PacketStream::new(metadata, packets, origin.into());
