@@ -167,7 +167,7 @@ impl OdometrySummary {
             "map frame: {}",
             match self.level {
                 "gravity" => "level, by the inertial unit",
-                "surfaces" => "level, by the ground and walls of the first scan",
+                "surfaces" => "level, by the ground and walls of the first scan (a sensor about upright is assumed)",
                 _ => "tilted as the first scan was: neither an inertial unit at rest nor ground and walls told which way is up",
             }
         );

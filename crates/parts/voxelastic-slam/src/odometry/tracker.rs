@@ -1,7 +1,7 @@
 //! The odometry: scans in, poses out.
 
 use super::alternation::Alternation;
-use super::find::{Found, Surroundings};
+use super::find::{self, Found, Surroundings};
 use super::level::{self, Level};
 use super::prediction::Predictor;
 use super::recent::RecentScans;
@@ -44,6 +44,8 @@ pub struct Odometry {
     /// Running mean of the registrations' scores.
     pub(super) score: f64,
     pub(super) level: Level,
+    /// Whether the first scan tells of a sensor that is not upright, and nothing tells how it is.
+    pub(super) is_leaning: bool,
     /// Running mean of the scans' returns.
     pub(super) usual_returns: f64,
     pub(super) alternation: Alternation,
@@ -88,6 +90,7 @@ impl Odometry {
             failures: 0,
             score: 0.0,
             level: Level::default(),
+            is_leaning: false,
             usual_returns: 0.0,
             alternation: Alternation::default(),
             recent: RecentScans::default(),
@@ -229,6 +232,7 @@ impl Odometry {
             recent: &self.recent,
             usual_score: self.score,
             settings: self.registration_settings(),
+            is_leaning: self.is_leaning,
         }
     }
 
@@ -311,6 +315,7 @@ impl Odometry {
                 (self.level, t_map_lidar) = (level, level::levelled(&up));
                 self.map_from_voxels = t_map_lidar.rotation;
             }
+            self.is_leaning = self.level == Level::Unknown && find::is_leaning(&self.scratch.surfels);
         }
         if let Some(end) = end {
             self.predictor.inertial.begin(&t_map_lidar, end);
