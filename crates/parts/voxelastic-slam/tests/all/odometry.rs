@@ -1,7 +1,8 @@
 //! Odometry against the truth of simulated rooms and streets.
 #![allow(clippy::print_stdout)]
 
-use voxelastic::geometry::PoseExt;
+use voxelastic::event::{Event, Scan};
+use voxelastic::geometry::{PoseExt, Rigid};
 use voxelastic::{Cloud, Pose};
 use voxelastic_sim::imu::ImuSettings;
 use voxelastic_sim::random::Stream;
@@ -162,7 +163,7 @@ fn an_odometry_that_was_stored_goes_on_as_if_nothing_had_happened() {
         scans.iter().map(|scan| (std::iter::from_fn(|| samples.next_if(|sample| sample.time <= scan.time + 0.1)).collect(), scan)).collect();
     let track = |every: usize| {
         let mut odometry = Odometry::new(OdometrySettings::default());
-        let register = |(k, (imu, scan)): (usize, &(Vec<ImuSample>, &voxelastic::event::Scan))| {
+        let register = |(k, (imu, scan)): (usize, &(Vec<ImuSample>, &Scan))| {
             if k % every == every - 1 {
                 let bytes = postcard::to_stdvec(&odometry.state()).unwrap();
                 odometry = Odometry::resume(OdometrySettings::default(), postcard::from_bytes(&bytes).unwrap());
@@ -218,5 +219,27 @@ fn registrations_recover_known_motions_within_their_own_covariance() {
         let beyond = errors.iter().filter(|e| **e > 3.0).count();
         println!("{world}: mean squared error {mean:.2} of what the registrations say, {beyond} of {} beyond 3", errors.len());
         assert!((0.5..2.0).contains(&mean) && beyond <= 3, "{world}: {mean}, {beyond}");
+    }
+}
+
+/// `hall`, whose scans are a second apart, with its sensor rolled onto its side, and nose down by 45 degrees. Headings that turn about the sensor's axis lost it.
+#[test]
+fn a_sensor_on_its_side_is_tracked_as_an_upright_one() {
+    let Some(folder) = voxelastic_testing::data("hall") else { return };
+    let hall = voxelastic_io::dataset::open(&folder, &voxelastic_io::OpenOptions::default()).unwrap();
+    let scans: Vec<Scan> =
+        hall.events().filter_map(|event| if let Event::Scan(scan) = event.unwrap() { Some(scan) } else { None }).take(30).collect();
+    for mount in [nalgebra::Vector3::new(90f64.to_radians(), 0.0, 0.0), nalgebra::Vector3::new(0.0, 45f64.to_radians(), 0.0)] {
+        let mount = Pose::rotation(mount);
+        let back = Rigid::from(&mount.inverse());
+        let mut odometry = Odometry::new(OdometrySettings::default());
+        let mut first = None;
+        for scan in &scans {
+            let points = scan.cloud.points.iter().map(|p| if Cloud::is_return(p) { back.apply(*p) } else { *p }).collect();
+            let found = odometry.register(&Cloud::from_points(points), Some(scan.time)).t_map_lidar;
+            let (found_first, true_first) = *first.get_or_insert((found, scan.t_map_lidar * mount));
+            let off = (found_first.inv_mul(&found)).translation_distance(&true_first.inv_mul(&(scan.t_map_lidar * mount)));
+            assert!(off < 0.2, "scan {}: {off} m", scan.node);
+        }
     }
 }
