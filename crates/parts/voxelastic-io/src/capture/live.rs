@@ -1,53 +1,30 @@
 //! The packets of a sensor that turns, as they come.
 
 use super::recognise::{DetectedSensor, Kind, is_about_device, sensor_of};
+use super::source_choice::{Fate, SensorPacket, SourceChoice};
 use super::stream::message;
 use super::turn_assembler::TurnAssembler;
 use crate::Result;
 use crate::playback::{MessageStream, SensorMessage};
 use crate::stamped_cloud::StampedCloud;
-use std::collections::{BTreeMap, VecDeque};
-use std::net::IpAddr;
+use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::{Duration, Instant};
 
 /// How long a call waits for a packet.
 const POLL_INTERVAL: Duration = Duration::from_millis(20);
-/// A source is a sensor when so many packets of one kind have come from it, one after the other ...
-pub(crate) const CONSISTENT: usize = 8;
-/// ... and is given up for another when it has sent nothing for this long, seconds.
-pub(crate) const SILENCE: f64 = 5.0;
-/// Sources that are looked at, or spoken of, at a time.
-pub(crate) const CANDIDATES: usize = 16;
 
-/// A datagram of a sensor.
-#[derive(Clone, Debug)]
-pub struct SensorPacket {
-    /// Its content.
-    pub payload: Vec<u8>,
-    /// Who sent it.
-    pub source: IpAddr,
-    /// When it came, seconds since 1970.
-    pub time: f64,
-}
-
-/// A sensor that was recognised.
+/// The sensor that is heard.
 struct Sensor {
-    source: IpAddr,
     kind: Kind,
     assembler: TurnAssembler,
     frame: &'static str,
-    /// When its last packet came, seconds.
-    last: f64,
 }
 
-/// A source that may be a sensor.
-#[derive(Default)]
-struct Candidate {
-    /// The last packets, all of one kind.
-    packets: Vec<SensorPacket>,
-    kind: Option<Kind>,
+/// What is known of a source that may be a sensor.
+#[derive(Debug, Default)]
+struct Known {
     /// What it has said about itself.
     device: Option<Vec<u8>>,
     /// A kind whose packets cannot be read, which was said.
@@ -61,9 +38,7 @@ pub(crate) struct SpinningStream {
     /// The file with the angles of the beams, if there is one.
     angles: Option<PathBuf>,
     sensor: Option<Sensor>,
-    candidates: BTreeMap<IpAddr, Candidate>,
-    /// Others than the sensor, of which it was said that they are ignored.
-    ignored: Vec<(IpAddr, Kind)>,
+    choice: SourceChoice<Kind, Known>,
     /// Where the datagrams come from, for messages.
     origin: PathBuf,
     start: Instant,
@@ -72,86 +47,56 @@ pub(crate) struct SpinningStream {
 
 impl SpinningStream {
     pub(crate) fn new(packets: Receiver<SensorPacket>, angles: Option<PathBuf>, origin: PathBuf) -> Self {
-        let (candidates, ignored, pending) = (BTreeMap::new(), Vec::new(), VecDeque::new());
-        Self { packets, angles, sensor: None, candidates, ignored, origin, start: Instant::now(), pending }
+        Self { packets, angles, sensor: None, choice: SourceChoice::default(), origin, start: Instant::now(), pending: VecDeque::new() }
     }
 
     fn add(&mut self, packet: SensorPacket) -> Result<()> {
         let kind = Kind::of(&packet.payload);
-        if let Some(sensor) = &mut self.sensor {
-            if sensor.source == packet.source && kind.is_none_or(|kind| kind == sensor.kind) {
-                self.candidates.clear();
-                self.assemble(&packet);
-                return Ok(());
-            }
-            if (packet.time - sensor.last).abs() < SILENCE {
-                let other = kind.map(|kind| (packet.source, kind)).filter(|other| self.ignored.len() < CANDIDATES && !self.ignored.contains(other));
-                if let Some((source, kind)) = other {
-                    tracing::warn!(
-                        "packets of a {} at {source} are ignored: the scans are those of a {} at {}",
-                        kind.name(),
-                        sensor.kind.name(),
-                        sensor.source
-                    );
-                    self.ignored.push((source, kind));
+        match self.choice.fate(&packet, kind) {
+            Fate::Sensor => self.assemble(&packet),
+            Fate::Another(address, is_new) => {
+                if let (Some(kind), Some(sensor), true) = (kind, &self.sensor, is_new) {
+                    let (name, source) = (kind.name(), packet.source);
+                    tracing::warn!("packets of a {name} at {source} are ignored: the scans are those of a {} at {address}", sensor.kind.name());
                 }
-                return Ok(());
             }
+            Fate::Candidate => return self.consider(packet, kind),
         }
-        self.consider(packet, kind)
+        Ok(())
     }
 
     /// Takes the source of a packet for a sensor if enough of its packets belong together.
     fn consider(&mut self, packet: SensorPacket, kind: Option<Kind>) -> Result<()> {
-        let source = packet.source;
+        let (source, time) = (packet.source, packet.time);
         let is_device = is_about_device(&packet.payload);
         if !is_device && kind.is_none() {
             return Ok(());
         }
-        if self.candidates.len() >= CANDIDATES && !self.candidates.contains_key(&source) {
-            let least = self.candidates.iter().min_by_key(|(_, candidate)| candidate.packets.len()).map(|(source, _)| *source);
-            least.map(|least| self.candidates.remove(&least));
-        }
-        let candidate = self.candidates.entry(source).or_default();
+        let candidate = self.choice.candidate(source);
         if is_device {
             // Perhaps it was refused for want of this.
-            (candidate.device, candidate.refused) = (Some(packet.payload), None);
+            candidate.note = Known { device: Some(packet.payload), refused: None };
             return Ok(());
         }
-        let Some(kind) = kind.filter(|kind| candidate.refused != Some(*kind)) else { return Ok(()) };
-        if candidate.kind.replace(kind) != Some(kind) {
-            candidate.packets.clear();
+        let Some(kind) = kind.filter(|kind| candidate.note.refused != Some(*kind)) else { return Ok(()) };
+        let Some(packets) = candidate.add(packet, kind) else { return Ok(()) };
+        let known = &mut candidate.note;
+        let found = sensor_of(kind, self.angles.as_deref(), known.device.clone(), &self.origin).inspect_err(|_| known.refused = Some(kind))?;
+        let DetectedSensor { packets: layout, frame, words } = found;
+        let old = self.sensor.replace(Sensor { kind, assembler: TurnAssembler::new(layout), frame });
+        match self.choice.choose(source, kind, time) {
+            None => tracing::info!("sensor: {words}, at {source}"),
+            Some(before) => tracing::warn!("the sensor at {before} is silent; from now on the scans are those of another: {words}, at {source}"),
         }
-        candidate.packets.push(packet);
-        if candidate.packets.len() < CONSISTENT {
-            return Ok(());
-        }
-        let packets = std::mem::take(&mut candidate.packets);
-        let found =
-            sensor_of(kind, self.angles.as_deref(), candidate.device.clone(), &self.origin).inspect_err(|_| candidate.refused = Some(kind))?;
-        self.choose(source, kind, found);
+        let unfinished = old.and_then(|mut old| Some(cloud(old.assembler.take_unfinished()?, old.frame, &self.origin)));
+        self.pending.extend(unfinished);
         packets.iter().for_each(|packet| self.assemble(packet));
         Ok(())
-    }
-
-    fn choose(&mut self, source: IpAddr, kind: Kind, found: DetectedSensor) {
-        let DetectedSensor { packets, frame, words } = found;
-        let new = Sensor { source, kind, assembler: TurnAssembler::new(packets), frame, last: f64::NEG_INFINITY };
-        match self.sensor.replace(new) {
-            None => tracing::info!("sensor: {words}, at {source}"),
-            Some(mut old) => {
-                tracing::warn!("the sensor at {} is silent; from now on the scans are those of another: {words}, at {source}", old.source);
-                self.pending.extend(old.assembler.take_unfinished().map(|scan| cloud(scan, old.frame, &self.origin)));
-            }
-        }
-        self.candidates.clear();
-        self.ignored.clear();
     }
 
     /// Adds a packet of the sensor to its scans.
     fn assemble(&mut self, packet: &SensorPacket) {
         let Some(sensor) = &mut self.sensor else { return };
-        sensor.last = packet.time;
         sensor.assembler.add(&packet.payload, packet.time);
         while let Some(scan) = sensor.assembler.take_scan() {
             self.pending.push_back(cloud(scan, sensor.frame, &self.origin));
@@ -239,7 +184,7 @@ mod tests {
             mixed.insert(k, packets(OTHER, 1.0, 5.0).remove(k));
         }
         assert_eq!(seen(&mut stream, mixed), (vec![8.0, 8.0], 0));
-        assert_eq!(stream.ignored.len(), 2, "said once of each");
+        assert_eq!(stream.choice.ignored(), 2, "said once of each");
     }
 
     #[test]

@@ -5,11 +5,10 @@ use super::packet::has_columns;
 use super::scan_assembler::ScanAssembler;
 use super::sensor_metadata::SensorMetadata;
 use crate::Result;
-use crate::capture::{CANDIDATES, CONSISTENT, SILENCE, SensorPacket, message};
+use crate::capture::{Fate, SensorPacket, SourceChoice, message};
 use crate::playback::{MessageStream, SensorMessage};
 use crate::stamped_cloud::StampedCloud;
 use std::collections::VecDeque;
-use std::net::IpAddr;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::{Duration, Instant};
@@ -17,23 +16,12 @@ use std::time::{Duration, Instant};
 /// How long a call waits for a datagram.
 const POLL_INTERVAL: Duration = Duration::from_millis(20);
 
-/// Who sends as the sensor does.
-struct Source {
-    address: IpAddr,
-    /// When its last packet of columns came, seconds.
-    last: f64,
-}
-
 /// The message stream of a sensor. Its time is that of the datagrams' coming. The first source with some packets of this sensor, one after the other, is the
 /// sensor; what others send is ignored, and said, until that one is silent.
 pub(crate) struct PacketStream {
     packets: Receiver<SensorPacket>,
     assembler: ScanAssembler,
-    source: Option<Source>,
-    /// Packets of columns of others that may be the sensor.
-    candidates: Vec<(IpAddr, Vec<SensorPacket>)>,
-    /// Others than the sensor, of which it was said that they are ignored.
-    ignored: Vec<IpAddr>,
+    choice: SourceChoice<()>,
     /// Where the datagrams come from, for messages.
     origin: PathBuf,
     start: Instant,
@@ -42,64 +30,34 @@ pub(crate) struct PacketStream {
 
 impl PacketStream {
     pub(crate) fn new(metadata: SensorMetadata, packets: Receiver<SensorPacket>, origin: PathBuf) -> Self {
-        let (candidates, ignored, pending) = (Vec::new(), Vec::new(), VecDeque::new());
-        Self { packets, assembler: ScanAssembler::new(metadata), source: None, candidates, ignored, origin, start: Instant::now(), pending }
+        let assembler = ScanAssembler::new(metadata);
+        Self { packets, assembler, choice: SourceChoice::default(), origin, start: Instant::now(), pending: VecDeque::new() }
     }
 
     fn add(&mut self, packet: SensorPacket) {
-        let has_columns = has_columns(&self.assembler.metadata, &packet.payload);
-        if let Some(source) = &mut self.source {
-            if source.address == packet.source {
-                if has_columns {
-                    source.last = packet.time;
-                    self.candidates.clear();
-                }
-                self.assemble(&packet.payload);
-                return;
+        let kind = has_columns(&self.assembler.metadata, &packet.payload).then_some(());
+        match self.choice.fate(&packet, kind) {
+            Fate::Sensor => self.assemble(&packet.payload),
+            Fate::Another(address, true) => {
+                tracing::warn!("packets of another sensor at {} are ignored: the scans are those of the one at {address}", packet.source);
             }
-            if (packet.time - source.last).abs() < SILENCE {
-                if has_columns && self.ignored.len() < CANDIDATES && !self.ignored.contains(&packet.source) {
-                    tracing::warn!(
-                        "packets of another sensor at {} are ignored: the scans are those of the one at {}",
-                        packet.source,
-                        source.address
-                    );
-                    self.ignored.push(packet.source);
-                }
-                return;
-            }
-        }
-        if has_columns {
-            self.consider(packet);
+            Fate::Candidate if kind.is_some() => self.consider(packet),
+            Fate::Another(..) | Fate::Candidate => {}
         }
     }
 
-    /// Takes the source of a packet for the sensor if enough of its packets came.
+    /// Takes the source of a packet of columns for the sensor if enough of them came.
     fn consider(&mut self, packet: SensorPacket) {
         let (address, time) = (packet.source, packet.time);
-        let at = self.candidates.iter().position(|(candidate, _)| *candidate == address).unwrap_or_else(|| {
-            if self.candidates.len() >= CANDIDATES {
-                let least = (0..self.candidates.len()).min_by_key(|k| self.candidates[*k].1.len());
-                least.map(|least| self.candidates.swap_remove(least));
-            }
-            self.candidates.push((address, Vec::new()));
-            self.candidates.len() - 1
-        });
-        self.candidates[at].1.push(packet);
-        if self.candidates[at].1.len() < CONSISTENT {
-            return;
-        }
-        let (_, packets) = self.candidates.swap_remove(at);
-        match self.source.replace(Source { address, last: time }) {
+        let Some(packets) = self.choice.candidate(address).add(packet, ()) else { return };
+        match self.choice.choose(address, (), time) {
             None => tracing::info!("the sensor is at {address}"),
-            Some(old) => {
-                tracing::warn!("the sensor at {} is silent; from now on the scans are those of the one at {address}", old.address);
+            Some(before) => {
+                tracing::warn!("the sensor at {before} is silent; from now on the scans are those of the one at {address}");
                 let rest = self.assembler.take_rest();
                 self.pending.extend(rest.map(|scan| cloud(scan, &self.origin)));
             }
         }
-        self.candidates.clear();
-        self.ignored.clear();
         packets.iter().for_each(|packet| self.assemble(&packet.payload));
     }
 
@@ -204,7 +162,7 @@ mod tests {
             mixed.insert(k, SensorPacket { payload: vec![7; 48], source: OTHER.into(), time: 100.1 });
         }
         assert_eq!(seen(&mut stream, mixed), [8.0, 8.0], "nothing of the beginning is lost");
-        assert_eq!(stream.ignored.len(), 1, "said once");
+        assert_eq!(stream.choice.ignored(), 1, "said once");
     }
 
     #[test]
