@@ -3,7 +3,7 @@
 use crate::registration::{VoxelIndex, key};
 use voxelastic::geometry::{Pose, Rigid};
 
-/// Rays that are followed, at most: of a scan, and of a place, whose voxels are half as large.
+/// Rays that are followed, at most: of a scan, and of a place, which is looked at in smaller voxels.
 const MOST_RAYS: usize = 8_000;
 const MOST_RAYS_OF_PLACE: usize = 60_000;
 /// Surfaces of a place that are looked up, at most.
@@ -16,6 +16,14 @@ const REACH: f32 = 60.0;
 const LEAST_RAYS: u8 = 2;
 /// Surfaces in space that was observed, without which nothing can be said.
 const LEAST_OBSERVED: usize = 200;
+
+/// Share of the surfaces of one place that lie in space that the other saw to be free, the larger of the two ways, in voxels of edge `voxel`, metres; none where too little of
+/// the one is where the other saw anything.
+pub(crate) fn contradiction(first: &[View<'_>], second: &[View<'_>], t_first_second: &Pose, voxel: f32) -> Option<f64> {
+    let one_way =
+        |free: &[View<'_>], surfaces: &[View<'_>], t: &Pose| FreeSpace::with_rays(free, voxel, MOST_RAYS_OF_PLACE).contradiction(surfaces, t);
+    Some(one_way(first, second, t_first_second)?.max(one_way(second, first, &t_first_second.inverse())?))
+}
 
 /// The returns of a scan.
 #[derive(Clone, Copy, Debug)]
@@ -38,17 +46,6 @@ impl FreeSpace {
     /// The free space of a scan or two in one frame, in voxels of edge `voxel`, metres.
     pub(crate) fn new(views: &[View<'_>], voxel: f32) -> Self {
         Self::with_rays(views, voxel, MOST_RAYS)
-    }
-
-    /// The free space of a place whose surfaces are registered in voxels of edge `voxel`, metres. It is finer: a cupboard stands in what its place in another storey, with
-    /// the same walls, has free; in voxels as large as it is deep, it would be the wall.
-    pub(crate) fn of_place(views: &[View<'_>], voxel: f32) -> Self {
-        Self::detailed(views, 0.5 * voxel)
-    }
-
-    /// The free space of many views, in voxels of edge `voxel`, metres.
-    pub(crate) fn detailed(views: &[View<'_>], voxel: f32) -> Self {
-        Self::with_rays(views, voxel, MOST_RAYS_OF_PLACE)
     }
 
     fn with_rays(views: &[View<'_>], voxel: f32, most: usize) -> Self {

@@ -67,8 +67,6 @@ pub struct Joined {
     pub poses: Vec<(NodeId, Pose)>,
     /// Loop edges from nodes of the first to nodes of the second.
     pub edges: Vec<Edge>,
-    /// Share of the surfaces of one that are in space that the other saw to be free, at the best quarter of some edges; none where that could not be seen.
-    pub difference: Option<f64>,
 }
 
 /// The outcome of [`join`].
@@ -76,7 +74,8 @@ pub struct Joined {
 pub struct Attempt {
     /// None if the two share too few surfaces, or none, or if they only look alike.
     pub joined: Option<Joined>,
-    /// Where they look alike and are not the same: in how many places, and the [difference](Joined::difference).
+    /// Where they look alike and are not the same: in how many places, and the share of the surfaces of one that are in space that the other saw to be free, at the best
+    /// quarter of these.
     pub alike: Option<(usize, f64)>,
     /// Closures that were tried.
     pub tried: Vec<Closure>,
@@ -115,8 +114,9 @@ pub fn join(first: &PlaceBook, second: &PlaceBook, path: &[(NodeId, Pose)], star
         joined = if edges(&found) > edges(&joined) { found } else { joined };
     }
     // Poses in one frame are evidence of their own; places that were recognised are not.
-    let is_alike = |joined: &Joined| joined.by == FoundBy::Places && joined.difference.is_some_and(|share| share > MOST_DIFFERENCE);
-    let alike = joined.as_ref().filter(|joined| is_alike(joined)).map(|joined| (joined.edges.len(), joined.difference.unwrap_or(0.0)));
+    let recognised = joined.as_ref().filter(|joined| joined.by == FoundBy::Places);
+    let alike =
+        recognised.and_then(|joined| Some((joined.edges.len(), join.difference(&joined.edges)?))).filter(|(_, share)| *share > MOST_DIFFERENCE);
     Ok(Attempt { joined: joined.filter(|_| alike.is_none()), alike, tried: join.tried })
 }
 
@@ -221,8 +221,7 @@ impl Join<'_> {
             return Ok(None);
         }
         let t_first_second = poses.first().zip(self.path.first()).map_or(t_first_second, |(now, own)| now.1 * own.1.inverse());
-        let difference = self.difference(&edges);
-        Ok(Some(Joined { by, t_first_second, poses, edges, difference }))
+        Ok(Some(Joined { by, t_first_second, poses, edges }))
     }
 
     /// How much the maps differ where edges lay them on each other, and best: one that drifted does not lie well everywhere.

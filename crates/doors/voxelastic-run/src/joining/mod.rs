@@ -153,7 +153,7 @@ pub fn place(store: &MapStore, added: Sessions<'_>, align: Option<Frame>, warnin
             let text = "no surfaces were found to be the same where --align says: it is added there as it is, and not joined";
             warnings.add(Code::NotJoined, text, "");
             let poses = second.path.iter().map(|(node, pose)| (*node, t * pose)).collect();
-            Joined { by: FoundBy::Start, t_first_second: t, poses, edges: Vec::new(), difference: None }
+            Joined { by: FoundBy::Start, t_first_second: t, poses, edges: Vec::new() }
         }
         (None, _) => return Ok(Outcome::Apart(why_apart(&map, &attempt, second, &first_book, &settings)?)),
     };

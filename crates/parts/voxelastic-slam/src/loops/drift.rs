@@ -7,8 +7,8 @@
 //! The two halves of a place also say how much of what is right lies in space that was seen to be free: by noise, by what moves, by poses that are a little off.
 
 use super::align::settings;
-use super::place::{Place, levels, surfels};
-use super::verify::contradiction;
+use super::place::{Place, PlaceScan, free_voxel, levels, surfels};
+use crate::free_space::contradiction;
 use crate::registration::register;
 use nalgebra::{UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
@@ -49,9 +49,8 @@ impl Errors {
     /// What the poses got wrong from the first half of a place to its second; none where the surfaces cannot tell.
     pub(super) fn within(place: &Place, voxel: f64) -> Option<Self> {
         let (first, second) = place.scans.split_at(place.scans.len() / 2);
-        let centre = |scans: &[super::place::PlaceScan]| {
-            scans.iter().map(|scan| scan.t_anchor_lidar.translation.vector).sum::<Vector3<f64>>() / scans.len().max(1) as f64
-        };
+        let centre =
+            |scans: &[PlaceScan]| scans.iter().map(|scan| scan.t_anchor_lidar.translation.vector).sum::<Vector3<f64>>() / scans.len().max(1) as f64;
         let (from, to) = (centre(first), centre(second));
         let metres = (to - from).norm();
         if first.is_empty() || metres < voxel {
@@ -62,10 +61,10 @@ impl Errors {
             return None;
         }
         let t = &moved.t_map_lidar;
-        let (turn, shift) = (place.level * t.rotation.scaled_axis(), place.level * (t * nalgebra::Point3::from(to) - nalgebra::Point3::from(to)));
+        let (turn, shift) = (place.level * t.rotation.scaled_axis(), place.level * (t.transform_vector(&to) + t.translation.vector - to));
         let views = place.views();
-        let (seen_first, seen_second) = views.split_at(first.len());
-        let contradiction = contradiction(seen_first, seen_second, t, voxel).map_or([0.0; 2], |share| [share, 1.0]);
+        let (of_first, of_second) = views.split_at(first.len());
+        let contradiction = contradiction(of_first, of_second, t, free_voxel(voxel)).map_or([0.0; 2], |share| [share, 1.0]);
         let sums = |error: Vector3<f64>| std::array::from_fn(|k| [error[k], error[k] * error[k]]);
         Some(Self { metres, turn: sums(turn), shift: sums(shift), contradiction })
     }

@@ -3,11 +3,10 @@
 //! Scans have noise and holes, so places are compared in coarse voxels. The surfaces of a map are means of many scans, complete, and can be registered more finely.
 
 use super::visible::{MapSurface, Visible};
-use crate::free_space::{FreeSpace, View};
+use crate::free_space::{View, contradiction};
 use crate::graph::{symmetric, upper_triangle};
 use crate::registration::{Downsampler, LocalMap, RegistrationSettings, register};
 use nalgebra::{Matrix6, Vector6};
-use std::sync::Arc;
 use voxelastic::event::Edge;
 use voxelastic::geometry::{Pose, PoseExt, Rigid};
 
@@ -37,7 +36,7 @@ pub(super) struct FineSurface {
     points: Vec<[f32; 3]>,
     /// Edge of the map's own voxels, metres.
     voxel: f32,
-    visible: Arc<Visible>,
+    visible: Visible,
 }
 
 impl FineSurface {
@@ -46,7 +45,7 @@ impl FineSurface {
         let edge = (EDGE.0 * voxel).max(EDGE.1 * f64::from(surface.voxel));
         let mut points = Vec::new();
         Downsampler::default().means(surface.positions, (edge / DENSITY) as f32, &mut points);
-        let visible = Arc::new(Visible::new(surface, COMPARED.0 * f64::from(surface.voxel)));
+        let visible = Visible::new(surface, COMPARED.0 * f64::from(surface.voxel));
         Self { edge, points, voxel: surface.voxel, visible }
     }
 
@@ -60,7 +59,7 @@ impl FineSurface {
     /// Share of the surfaces of one map that lie in space that the other saw to be free, from some poses in each: the larger of the two ways.
     pub(super) fn contradiction(&self, second: &Self, poses: (&[Pose], &[Pose]), t_first_second: &Pose) -> Option<f64> {
         let voxel = COMPARED.1 * self.voxel.max(second.voxel);
-        let seen = |map: &Self, poses: &[Pose]| {
+        let scans = |map: &Self, poses: &[Pose]| {
             let scan = |pose: &Pose| {
                 let moved = Rigid::from(pose);
                 let points: Vec<[f32; 3]> = map.visible.scan_of(pose, MOST_COMPARED).iter().map(|p| moved.apply(*p)).collect();
@@ -68,10 +67,8 @@ impl FineSurface {
             };
             poses.iter().map(scan).collect::<Vec<_>>()
         };
-        let (first, other) = (seen(self, poses.0), seen(second, poses.1));
-        let there = FreeSpace::detailed(&views(&first), voxel).contradiction(&views(&other), t_first_second)?;
-        let back = FreeSpace::detailed(&views(&other), voxel).contradiction(&views(&first), &t_first_second.inverse())?;
-        Some(there.max(back))
+        let (first, other) = (scans(self, poses.0), scans(second, poses.1));
+        contradiction(&views(&first), &views(&other), t_first_second, voxel)
     }
 
     /// The edge once more, by the surfaces around its nodes, which have these poses in the maps of `self` and of `second`. None if they do not fit, or
@@ -103,6 +100,6 @@ impl FineSurface {
     }
 }
 
-fn views(seen: &[([f32; 3], Vec<[f32; 3]>)]) -> Vec<View<'_>> {
-    seen.iter().map(|(origin, points)| View { origin: *origin, points }).collect()
+fn views(scans: &[([f32; 3], Vec<[f32; 3]>)]) -> Vec<View<'_>> {
+    scans.iter().map(|(origin, points)| View { origin: *origin, points }).collect()
 }

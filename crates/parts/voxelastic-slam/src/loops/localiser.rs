@@ -263,14 +263,14 @@ impl Whereabouts {
 /// The share of all headings in which a scan has returns; `level` makes level what is.
 fn share_of_circle(returns: &[[f32; 3]], level: &UnitQuaternion<f64>) -> f64 {
     let turned = Rigid::from(&Pose::from_parts(Vector3::zeros().into(), *level));
-    let mut seen = [0; DIRECTIONS];
+    let mut returns_towards = [0; DIRECTIONS];
     for p in returns {
         let [x, y, _] = turned.apply(*p);
         let turn = (y.atan2(x) / std::f32::consts::TAU).rem_euclid(1.0);
-        seen[((turn * DIRECTIONS as f32) as usize).min(DIRECTIONS - 1)] += 1;
+        returns_towards[((turn * DIRECTIONS as f32) as usize).min(DIRECTIONS - 1)] += 1;
     }
     // A few returns are of what is right above or below.
-    seen.iter().filter(|seen| **seen * 10 * DIRECTIONS > returns.len()).count() as f64 / DIRECTIONS as f64
+    returns_towards.iter().filter(|count| **count * 10 * DIRECTIONS > returns.len()).count() as f64 / DIRECTIONS as f64
 }
 
 fn is_same(a: &Pose, b: &Pose, voxel: f64) -> bool {

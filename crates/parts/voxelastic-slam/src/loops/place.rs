@@ -98,6 +98,12 @@ impl Place {
     }
 }
 
+/// The edge of the voxels in which the free space of places is looked at that are registered in voxels of edge `voxel`. It is finer: a cupboard stands in what its place in
+/// another storey, with the same walls, has free; in voxels as large as it is deep, it would be the wall.
+pub(crate) fn free_voxel(voxel: f64) -> f32 {
+    0.5 * voxel as f32
+}
+
 /// The map that other scans are registered to, from fine to coarse.
 pub(crate) fn levels(scans: &[PlaceScan], voxel: f64) -> Vec<LocalMap> {
     let mut levels: Vec<LocalMap> = (0..LEVELS).map(|k| LocalMap::new(voxel * f64::from(1u32 << k))).collect();

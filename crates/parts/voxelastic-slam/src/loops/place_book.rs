@@ -114,6 +114,10 @@ impl PlaceBook {
         self.places.iter().flat_map(|place| place.scans.iter().map(|scan| (scan.node, place.t_map_anchor * scan.t_anchor_lidar)))
     }
 
+    fn pose(&self, node: NodeId) -> Option<Pose> {
+        self.nodes().find(|(other, _)| *other == node).map(|(_, pose)| pose)
+    }
+
     /// Registers places of `second` to places of this book from guesses, and judges the outcomes. A guess has the number of a place of this book, that of one of
     /// `second`, and the pose of the second's [anchor](Self::anchors) in the frame of the first's.
     pub fn verify_guesses(&self, second: &Self, guesses: &[(usize, usize, Pose)], settings: &LoopSettings) -> Vec<Closure> {
@@ -172,10 +176,9 @@ impl PlaceBook {
 
     /// An edge between nodes of two maps, measured by their surfaces where these hold it, else with less information.
     pub fn fine_edge(&self, second: &Self, edge: &Edge) -> Edge {
-        let pose = |book: &Self, node: NodeId| book.nodes().find(|(other, _)| *other == node).map(|(_, pose)| pose);
         let refined = || {
             let (a, b) = (self.fine.as_ref()?, second.fine.as_ref()?);
-            a.refined(b, edge, (&pose(self, edge.from)?, &pose(second, edge.to)?), self.voxel)
+            a.refined(b, edge, (&self.pose(edge.from)?, &second.pose(edge.to)?), self.voxel)
         };
         refined().unwrap_or_else(|| weaker(edge))
     }
@@ -188,8 +191,7 @@ impl PlaceBook {
             let (place, k) = book.places.iter().find_map(|place| Some((place, place.scans.iter().position(|scan| scan.node == node)?)))?;
             Some(place.scans_around(k, COMPARED_AROUND).iter().map(|scan| place.t_map_anchor * scan.t_anchor_lidar).collect::<Vec<_>>())
         };
-        let pose = |book: &Self, node: NodeId| book.nodes().find(|(other, _)| *other == node).map(|(_, pose)| pose);
-        let t_first_second = pose(self, edge.from)? * edge.t_from_to * pose(second, edge.to)?.inverse();
+        let t_first_second = self.pose(edge.from)? * edge.t_from_to * second.pose(edge.to)?.inverse();
         a.contradiction(b, (&around(self, edge.from)?, &around(second, edge.to)?), &t_first_second)
     }
 

@@ -2,8 +2,8 @@
 
 use super::align::{align, settings};
 use super::overlap::Guess;
-use super::place::{Place, levels, surfels};
-use crate::free_space::{FreeSpace, View};
+use super::place::{Place, free_voxel, levels, surfels};
+use crate::free_space::contradiction;
 use crate::graph::upper_triangle;
 use crate::registration::{Registration, register};
 use nalgebra::Matrix6;
@@ -69,18 +69,10 @@ pub(crate) fn fit(first: &Place, second: &Place, guess: &Guess, voxel: f64, leas
     Some(Fit {
         t_first_second: a.t_anchor_lidar.inv_mul(&(near.t_map_lidar * b.t_anchor_lidar)),
         degenerate: near.degenerate.len(),
-        contradiction: contradiction(&first.views(), &second.views(), &t, voxel),
+        contradiction: contradiction(&first.views(), &second.views(), &t, free_voxel(voxel)),
         information: Some(upper_triangle(&moved(&near.information(&points, &map), &b.t_anchor_lidar))),
         ..unrefined
     })
-}
-
-/// Share of the surfaces of one place that lie in space that the other saw to be free, the larger of the two ways; none where too little of the one is where the other saw
-/// anything.
-pub(super) fn contradiction(first: &[View<'_>], second: &[View<'_>], t_first_second: &Pose, voxel: f64) -> Option<f64> {
-    let there = FreeSpace::of_place(first, voxel as f32).contradiction(second, t_first_second)?;
-    let back = FreeSpace::of_place(second, voxel as f32).contradiction(first, &t_first_second.inverse())?;
-    Some(there.max(back))
 }
 
 /// Information of a pose, for another frame on the same body that has this pose in the first.

@@ -29,7 +29,7 @@ pub struct MapSurface<'a> {
 }
 
 /// Means of the surface points in cells of one size.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 struct Cells {
     edge: f32,
     index: VoxelIndex,
@@ -45,7 +45,7 @@ struct Facet {
 }
 
 /// The surfaces of a map, prepared for looking at them.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Visible {
     points: Vec<Facet>,
     /// What hides others.
