@@ -139,7 +139,7 @@ class Location(NamedTuple):
     pose: NDArray[np.float64]
     """The lidar frame in the map frame, 4 x 4."""
     is_certain: bool
-    """Whether enough of the scan's surfaces are in the map, and nearly none of them where it is free, or the other way round."""
+    """Whether enough of the scan's surfaces are in the map, and nearly none of them where it is free, or the other way round, and no other place fits as well. A scan that sees less of the circle must fit better."""
     overlap: float
     """Share of the scan's surfaces with a counterpart in the map, 0 to 1."""
     contradiction: float

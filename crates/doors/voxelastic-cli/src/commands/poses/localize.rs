@@ -26,7 +26,8 @@ use voxelastic_slam::loops::{Localiser, LocaliserSettings, Whereabouts};
 ///
 /// Each scan is localised by itself, from an unknown start: places of the map that look like it from above are found for all headings at once, and
 /// the scan is registered to the best of them. It is not certain, and not written, if too few of its surfaces are in the map, or if surfaces
-/// of the map are in space that the scan saw to be free.
+/// of the map are in space that the scan saw to be free, or if another place fits as well. The less
+/// of the circle a scan sees, the better it must fit.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   voxelastic localize hall.vox visit.bag -o visit.tum
