@@ -1,4 +1,4 @@
-//! Buildings whose storeys have the same walls: no closure may join two of them.
+//! Buildings whose storeys have the same walls: no closure may join two of them, and no session of the one be added to a map of the other.
 
 use std::collections::HashMap;
 use voxelastic::Pose;
@@ -8,7 +8,8 @@ use voxelastic::sensor::preset_with_columns;
 use voxelastic_sim::random::Stream;
 use voxelastic_sim::sensor::{Lidar, LidarSettings};
 use voxelastic_sim::{World, WorldBuilder};
-use voxelastic_slam::loops::{Closure, LoopFinder, LoopSettings, Verdict};
+use voxelastic_slam::join::{Attempt, Start, join};
+use voxelastic_slam::loops::{Closure, LoopFinder, LoopSettings, MapSurface, PlaceBook, Verdict};
 use voxelastic_slam::odometry::OdometrySettings;
 use voxelastic_slam::slam::{RawScan, Slam};
 
@@ -147,6 +148,34 @@ fn storeys_that_look_alike_are_not_folded_into_one() {
         let (right, wrong) = walked(1, 1.0, by_odometry);
         assert!(right > 0 && wrong.is_empty(), "{wrong:?}");
     }
+}
+
+/// What becomes of a map of the upper storey that is added to one of the lower, in a frame that tells nothing.
+fn joined(differing: f64) -> Attempt {
+    let world = building(1, differing);
+    let surface = world.sample_surface(600.0, 1);
+    let single = |v: [f64; 3]| v.map(|c| c as f32);
+    let (positions, normals): (Vec<_>, Vec<_>) = surface.iter().map(|s| (single(s.point), single(s.normal))).unzip();
+    let surface = MapSurface { positions: &positions, normals: &normals, voxel: 0.065 };
+    let walk = walk();
+    let storey = |is_there: &dyn Fn(f64) -> bool, first: NodeId| -> Vec<(NodeId, Pose)> {
+        (first..).zip(walk.iter().filter(|pose| is_there(pose.translation.z)).copied()).collect()
+    };
+    let (lower, upper) = (storey(&|z| z < 1.5, 0), storey(&|z| z > STOREY + 1.3, 10_000));
+    let settings = LoopSettings::default();
+    let voxel = PlaceBook::voxel_for_map(&surface, &lower);
+    let [first, second] = [&lower, &upper].map(|path| PlaceBook::of_map(&surface, path, voxel, &settings));
+    join(&first, &second, &upper, Start::Unknown, &settings).unwrap()
+}
+
+#[test]
+fn a_session_of_another_storey_is_said_to_look_alike() {
+    let other = joined(1.0);
+    let (places, share) = other.alike.expect("the same walls");
+    assert!(other.joined.is_none() && places > 1 && share > 0.01, "{places} places, {share}");
+    // Of storeys that are the same in all, nothing can tell.
+    let same = joined(0.0);
+    assert!(same.alike.is_none() && same.joined.is_some_and(|joined| joined.edges.len() > 1), "{:?}", same.alike);
 }
 
 /// Forty buildings; some minutes. `cargo test --release -p voxelastic-slam --test all -- --ignored --nocapture forty`.
