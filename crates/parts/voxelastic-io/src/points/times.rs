@@ -36,7 +36,8 @@ pub(super) fn relative_times(values: Vec<f64>, points: &[[f32; 3]], name: &str, 
     let is_curvature = name.eq_ignore_ascii_case(CURVATURE);
     let usual = if is_curvature { 1e-3 } else { usual_unit_s(scalar, first) };
     let all = bounds(&values, first);
-    let ((low, high), unit) = if !is_curvature && lasts(all.1 - all.0, usual, USUAL_SWEEP) {
+    // Times that are all the same say nothing of their unit.
+    let ((low, high), unit) = if !is_curvature && (all.0 == all.1 || lasts(all.1 - all.0, usual, USUAL_SWEEP)) {
         (all, usual)
     } else {
         // Points without a return may have any time. Leaving them out is slower and rarely needed.
