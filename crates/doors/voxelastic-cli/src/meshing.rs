@@ -220,9 +220,24 @@ pub fn surface_tiles(atlas: Atlas, surface: &SurfaceArgs) -> anyhow::Result<Surf
     if tiles.is_empty() { Err(surface.empty_error()) } else { Ok(tiles) }
 }
 
-/// The default colouring: the colours of the scans if there are any, else height.
+/// The default colouring: the colours of the scans if there are any that show something, else height.
 pub fn default_colour(found: &MapMesh) -> Colour {
-    if found.mesh.colours.is_empty() { Colour::Height } else { Colour::Scans }
+    let colours = &found.mesh.colours;
+    if colours.is_empty() {
+        return Colour::Height;
+    }
+    if is_dark(colours) {
+        tracing::warn!("the colours of the scans are all nearly black: drawn by height; --colour scans draws them all the same");
+        return Colour::Height;
+    }
+    Colour::Scans
+}
+
+/// Whether colours show nothing: drivers fill their field with zeros, or with an intensity of few steps.
+fn is_dark(colours: &[Rgb]) -> bool {
+    const DARK: u8 = 24;
+    let light = colours.iter().filter(|colour| colour.iter().any(|v| *v >= DARK)).count();
+    light * 50 < colours.len()
 }
 
 /// A colour for each vertex; none for [`Colour::None`].
@@ -252,4 +267,15 @@ pub fn colours(found: &MapMesh, by: Colour) -> anyhow::Result<Option<Vec<Rgb>>> 
         Colour::Submap => Some(found.submaps.iter().map(|&id| palette(id as usize)).collect()),
         Colour::Scale => Some(mesh.scales.iter().map(|&s| Ramp::Violet.at(1.0 - f32::from(s) / 3.0)).collect()),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::is_dark;
+
+    #[test]
+    fn colours_that_show_nothing_are_dark() {
+        let of = |light: usize| -> Vec<[u8; 3]> { (0..1000).map(|k| if k < light { [0, 90, 10] } else { [0, 0, (k % 20) as u8] }).collect() };
+        assert!(is_dark(&of(10)) && !is_dark(&of(30)), "a lamp at night is no picture, a lit road is");
+    }
 }

@@ -8,6 +8,8 @@ use voxelastic::Cloud;
 const SAME_CLOCK_S: f64 = 1.0;
 /// Times between clouds that a sweep may fill, seconds: of clouds farther apart some were left out.
 const SWEEPS: [f64; 2] = [0.02, 0.3];
+/// The earliest point of a cloud that comes this share of the interval after its stamp, or more, is not of its sweep by those times: they run on from cloud to cloud.
+const RUNS_ON: f32 = 0.95;
 /// So many intervals say what is usual.
 const INTERVALS: usize = 9;
 /// Whether shares of unknown sweeps were said: it is so of every cloud of a data set.
@@ -31,7 +33,7 @@ impl StampedCloud {
     }
 
     /// The cloud with point times relative to `time`, seconds, if its own stamp comes from the same clock. Shares become seconds if it is known how long a sweep takes,
-    /// which is the `interval` between clouds; else they are left out.
+    /// which is the `interval` between clouds; else they are left out. Times that run on from cloud to cloud count from the earliest point.
     pub(crate) fn relative_to(self, time: f64, interval: Option<f64>) -> Cloud {
         let Self { mut cloud, stamp, has_shares } = self;
         if has_shares {
@@ -46,6 +48,12 @@ impl StampedCloud {
                         );
                     }
                 }
+            }
+        }
+        if let Some(times) = cloud.time.as_mut().filter(|_| stamp.is_none()) {
+            let earliest = times.iter().zip(&cloud.points).filter(|(_, p)| Cloud::is_return(p)).fold(f32::INFINITY, |low, (t, _)| low.min(*t));
+            if earliest.is_finite() && earliest >= RUNS_ON * interval.unwrap_or(SWEEPS[1]) as f32 {
+                times.iter_mut().for_each(|t| *t -= earliest);
             }
         }
         if let (Some(times), Some(shift)) = (&mut cloud.time, stamp.map(|s| s - time).filter(|d| d.abs() <= SAME_CLOCK_S)) {
@@ -109,6 +117,20 @@ mod tests {
         assert_eq!(interval.before_first().after(99.0), usual[3], "what the beginning showed holds for its first cloud");
         assert_eq!(shares.clone().relative_to(0.0, usual[3]).time.unwrap(), [0.0, 0.025, 0.05]);
         assert_eq!(shares.relative_to(0.0, None).time, None);
+    }
+
+    #[test]
+    fn times_that_run_on_from_cloud_to_cloud_count_from_the_earliest_point() {
+        let points = vec![[0.0; 3], [1.0, 2.0, 3.0], [1.0, 2.0, 3.0]];
+        let at =
+            |from: f32| StampedCloud::new(Cloud { points: points.clone(), time: Some(vec![0.0, from, from + 0.0625]), ..Cloud::default() }, None);
+        assert_eq!(at(0.5).relative_to(7.0, Some(0.1)).time.unwrap()[1..], [0.0, 0.0625]);
+        assert_eq!(at(0.5).relative_to(7.0, None).time.unwrap()[1..], [0.0, 0.0625]);
+        assert_eq!(at(0.05).relative_to(7.0, Some(0.1)).time.unwrap()[1..], [0.05, 0.1125], "a sensor that looks at half of the circle");
+    }
+
+    #[test]
+    fn what_clouds_came_says_the_interval() {
         assert_eq!((Interval::of(&[0.0, 2.0, 4.0]), Interval::of(&[0.0, 0.1, 0.2])), (None, Some(0.1)), "keyframes say nothing");
     }
 }

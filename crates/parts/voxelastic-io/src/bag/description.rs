@@ -67,6 +67,7 @@ impl RecordingDescription {
         }
         self.cloud_topic = chosen.clouds.first().cloned();
         self.more_cloud_topics = chosen.clouds.iter().skip(1).cloned().collect();
+        self.notes.extend(without_stamps(&chosen.without_stamps));
         self.notes.extend(chosen.packets.notes.iter().chain(&chosen.remark).cloned());
         if self.poses.is_none() {
             self.poses = chosen.poses.as_ref().map(|(name, _)| name.clone());
@@ -106,4 +107,10 @@ impl fmt::Display for RecordingDescription {
         }
         self.notes.iter().try_for_each(|note| write!(f, "\nnote: {note}"))
     }
+}
+
+/// What is said of topics whose messages have time stamps of zero.
+pub(super) fn without_stamps(topics: &[String]) -> Option<String> {
+    let words = "time stamps are zero, so the times at which messages were recorded are taken: these are later than those of the measurements";
+    (!topics.is_empty()).then(|| format!("{}: {words}; set stamps in the driver", topics.join(", ")))
 }

@@ -85,7 +85,10 @@ impl RawRecording {
         let (imu, t_lidar_imu) = imu.topic.map_or((None, None), |(name, pose)| (Some(name), Some(pose)));
         let model = packets.model(&topics).map(Box::new);
         let intervals = summary.intervals(&topics);
-        let topics = StreamTopics { clouds: topics, intervals, imu, packets: packets.sensors, ..StreamTopics::default() };
+        let without_stamps = summary.without_stamps(topics.iter().chain(&imu));
+        let description =
+            super::description::without_stamps(&without_stamps).map_or(description.clone(), |note| format!("{description}\nnote: {note}"));
+        let topics = StreamTopics { clouds: topics, intervals, without_stamps, imu, packets: packets.sensors, ..StreamTopics::default() };
         let open: OpenStream = Arc::new(move || Ok(Box::new(BagStream::new(&files, topics.clone())) as Box<dyn MessageStream>));
         Ok(Self { path: path.into(), capture: None, open, model, count, description, t_lidar_imu, t_first_sensor, log })
     }

@@ -199,7 +199,8 @@ impl Recording {
             Input::Bag(chosen) => {
                 let poses = chosen.poses.clone().filter(|(_, role)| *role != TopicRole::Transforms).map(|(name, _)| name);
                 let (clouds, packets, intervals) = (chosen.clouds.clone(), chosen.packets.sensors.clone(), chosen.intervals.clone());
-                let topics = StreamTopics { clouds, poses, corrections: self.options.correction_topic.clone(), imu: None, packets, intervals };
+                let (corrections, without_stamps) = (self.options.correction_topic.clone(), chosen.without_stamps.clone());
+                let topics = StreamTopics { clouds, poses, corrections, imu: None, packets, intervals, without_stamps };
                 Arc::new(move || Ok(Box::new(BagStream::new(&files, topics.clone())) as Box<dyn MessageStream>))
             }
             Input::Capture(kind) => {

@@ -14,6 +14,7 @@ use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, VecDeque};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use voxelastic::motion::ImuSample;
 
 /// A message with its topic and file.
 #[derive(Debug)]
@@ -82,6 +83,8 @@ pub(super) struct StreamTopics {
     pub(super) packets: BTreeMap<String, PacketSensor>,
     /// How often clouds of each sensor come, as far as the beginning shows it.
     pub(super) intervals: Vec<Interval>,
+    /// Topics whose messages have time stamps of zero: the times at which they were recorded are taken.
+    pub(super) without_stamps: Vec<String>,
 }
 
 impl StreamTopics {
@@ -94,6 +97,11 @@ impl StreamTopics {
             role if role.is_cloud() => self.clouds.contains(&topic.name),
             _ => is(&self.poses) || is(&self.corrections),
         }
+    }
+
+    /// The time of a message by its stamp, or when it was recorded.
+    fn time(&self, message: &TopicMessage, stamp: f64) -> f64 {
+        if self.without_stamps.contains(&message.topic.name) { message.message.time() } else { stamp }
     }
 
     /// Which sensor the clouds of a topic are of.
@@ -190,14 +198,15 @@ impl SensorMessages {
             let header = decoder.header()?;
             // What is wrong with the rest of it is reported when it is decoded.
             let has_times = decoder.cloud_fields(message.role).map_or(true, |fields| fields.iter().any(|name| is_time(name)));
+            let time = self.topics.time(&message, header.time);
             let (bytes, name_of_topic) = (message.message.data.len(), message.topic.name.clone());
             let decode = Box::new(move || message.cloud());
             let sensor = self.topics.sensor(&name_of_topic);
-            let interval_s = self.intervals.entry(sensor).or_default().after(header.time);
-            return Ok(SensorMessage::Cloud(CloudMessage { time: header.time, frame: header.frame, sensor, interval_s, has_times, bytes, decode }));
+            let interval_s = self.intervals.entry(sensor).or_default().after(time);
+            return Ok(SensorMessage::Cloud(CloudMessage { time, frame: header.frame, sensor, interval_s, has_times, bytes, decode }));
         }
         if message.role == TopicRole::Imu {
-            return decoder.imu().map(SensorMessage::Imu);
+            return decoder.imu().map(|sample| SensorMessage::Imu(ImuSample { time: self.topics.time(&message, sample.time), ..sample }));
         }
         let poses = decoder.poses(message.role)?;
         if Some(&message.topic.name) == self.topics.corrections.as_ref() {
@@ -212,7 +221,13 @@ impl SensorMessages {
                 TopicRole::Transforms => {
                     SensorMessage::Transform { time: p.time, parent: p.parent, child: p.child, pose: p.t_parent_child, is_fixed }
                 }
-                _ => SensorMessage::Pose { time: p.time, parent: p.parent, child: p.child, pose: p.t_parent_child, is_last: k == last },
+                _ => SensorMessage::Pose {
+                    time: self.topics.time(&message, p.time),
+                    parent: p.parent,
+                    child: p.child,
+                    pose: p.t_parent_child,
+                    is_last: k == last,
+                },
             });
         }
         Ok(self.pending().unwrap_or(SensorMessage::Other))

@@ -51,6 +51,8 @@ pub(super) struct RecordingSummary {
     pub(super) cloud_topics: HashMap<String, CloudTopic>,
     /// Frames of the topics of inertial measurement units.
     pub(super) imu_frames: HashMap<String, String>,
+    /// Messages with a header of each topic at the beginning, and how many of them have a time stamp.
+    stamps: HashMap<String, [usize; 2]>,
     /// The transforms at the beginning.
     pub(super) tree: TransformTree,
     /// Remarks about the files.
@@ -97,6 +99,7 @@ impl RecordingSummary {
             times: None,
             cloud_topics: HashMap::new(),
             imu_frames: HashMap::new(),
+            stamps: HashMap::new(),
             tree: TransformTree::default(),
             notes: Vec::new(),
         }
@@ -143,6 +146,12 @@ impl RecordingSummary {
                 counts.resize(self.topics.len().max(index + 1), 0);
             }
             let decoder = message.decoder();
+            if matches!(message.role, TopicRole::PointCloud2 | TopicRole::Livox | TopicRole::Odometry | TopicRole::PoseStamped | TopicRole::Imu)
+                && let Ok(header) = decoder.header()
+            {
+                let [all, stamped] = self.stamps.entry(message.topic.name.clone()).or_default();
+                (*all, *stamped) = (*all + 1, *stamped + usize::from(header.time != 0.0));
+            }
             let cloud_topic = match message.role {
                 TopicRole::Transforms => {
                     let is_fixed = is_static(&message.topic.name);
@@ -187,6 +196,12 @@ impl RecordingSummary {
     /// How often the clouds of topics come.
     pub(super) fn intervals(&self, clouds: &[String]) -> Vec<Interval> {
         clouds.iter().map(|name| self.cloud_topics.get(name).map(|topic| topic.interval.before_first()).unwrap_or_default()).collect()
+    }
+
+    /// Those of these topics whose messages have time stamps of zero.
+    pub(super) fn without_stamps<'a>(&self, topics: impl IntoIterator<Item = &'a String>) -> Vec<String> {
+        let has_none = |name: &&String| self.stamps.get(*name).is_some_and(|[all, stamped]| *all > 1 && *stamped == 0);
+        topics.into_iter().filter(has_none).cloned().collect()
     }
 
     /// Number of messages of a topic, if it is known.

@@ -27,6 +27,7 @@ pub(super) struct ChosenTopics {
     pub(super) packets: PacketTopics,
     /// How often clouds of each sensor come.
     pub(super) intervals: Vec<Interval>,
+    pub(super) without_stamps: Vec<String>,
     /// What was decided about several sensors.
     pub(super) remark: Option<String>,
 }
@@ -86,7 +87,9 @@ pub(super) fn choose(summary: &RecordingSummary, path: &Path, options: &OpenOpti
         let choice = if by_itself { "; --cloud-topic chooses among them" } else { "" };
         format!("{} sensors are mapped together, each with its own beams and its own pose on the vehicle{choice}", clouds.len())
     });
-    Ok(ChosenTopics { intervals: summary.intervals(&clouds), clouds, poses, first_frame, packets, remark })
+    let with_headers = clouds.iter().chain(poses.iter().filter(|(_, role)| *role != TopicRole::Path).map(|(name, _)| name));
+    let without_stamps = summary.without_stamps(with_headers);
+    Ok(ChosenTopics { intervals: summary.intervals(&clouds), without_stamps, clouds, poses, first_frame, packets, remark })
 }
 
 /// The topics of several raw sensors that can be mapped together without a choice: clouds with times of their points, each in a frame of its own, with fixed

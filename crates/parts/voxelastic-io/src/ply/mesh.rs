@@ -62,7 +62,7 @@ fn vertices(cursor: &mut Cursor<'_>, vertex: &Element, header: &Header, fields: 
     Ok(MeshData {
         positions: points(roles.xyz.map(|k| rows.column(&fields[k]))),
         normals: normals.map(|n| points(n.map(|f| rows.column(f)))),
-        colours: roles.colour.map(|colour| colour.read(fields, |k| rows.column(&fields[k]))),
+        colours: roles.colour.and_then(|colour| colour.read(fields, |k| rows.column(&fields[k]))),
         intensity: roles.intensity.map(|k| rows.column(&fields[k]).to_f32()),
         triangles: Vec::new(),
     })

@@ -1,11 +1,15 @@
 //! Colours of points, packed in one field or in three.
 
 use super::record::{Column, Field, Scalar};
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Names of PCL's packed colours: blue, green, red and optionally alpha, lowest byte first, in a 32-bit integer or in the bits of a float.
 const PACKED: [&str; 2] = ["rgb", "rgba"];
 /// Names of three fields.
 const SEPARATE: [[&str; 3]; 2] = [["red", "green", "blue"], ["r", "g", "b"]];
+
+/// Whether it was said that a field of colours holds numbers: that of every cloud does.
+static SAID_NUMBERS: AtomicBool = AtomicBool::new(false);
 
 /// Which fields hold the colour, as indices into the fields.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -33,13 +37,30 @@ impl ColourFields {
         }
     }
 
-    /// The colours, from the columns of the fields.
-    pub(crate) fn read<'a>(self, fields: &[Field], column: impl Fn(usize) -> Column<'a>) -> Vec<[u8; 3]> {
+    /// The colours, from the columns of the fields; none if a packed field holds numbers.
+    pub(crate) fn read<'a>(self, fields: &[Field], column: impl Fn(usize) -> Column<'a>) -> Option<Vec<[u8; 3]>> {
         match self {
-            Self::Packed(k) => packed(column(k)),
-            Self::Separate(at) => separate(at.map(column), fields[at[0]].scalar),
+            Self::Packed(k) if holds_numbers(column(k)) => {
+                if !SAID_NUMBERS.swap(true, Ordering::Relaxed) {
+                    tracing::warn!("field {} holds numbers, probably an intensity, and not colours packed into bits: it is left out", fields[k].name);
+                }
+                None
+            }
+            Self::Packed(k) => Some(packed(column(k))),
+            Self::Separate(at) => Some(separate(at.map(column), fields[at[0]].scalar)),
         }
     }
+}
+
+/// Whether most of a packed field's floats are numbers: colours in the bits of a float are next to zero, or none at all.
+fn holds_numbers(column: Column<'_>) -> bool {
+    if column.scalar != Scalar::F32 {
+        return false;
+    }
+    let values = column.to_f32();
+    let numbers = values.iter().filter(|v| (1e-3..1e6).contains(&v.abs())).count();
+    let colours = values.iter().filter(|v| v.is_nan() || **v != 0.0 && v.abs() < 1e-30).count();
+    numbers > colours
 }
 
 fn packed(column: Column<'_>) -> Vec<[u8; 3]> {
@@ -87,6 +108,14 @@ mod tests {
         }
         let text: Vec<u8> = [f64::from(bits[0]), f64::from(f32::from_bits(bits[1]))].iter().flat_map(|v| v.to_le_bytes()).collect();
         assert_eq!(packed(column(&text, Scalar::F64)), [[255, 128, 0]; 2]);
+    }
+
+    #[test]
+    fn intensities_are_no_packed_colours() {
+        let bytes = |values: &[f32]| values.iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<u8>>();
+        let of = |values: &[f32]| ColourFields::Packed(0).read(&[field("rgb", Scalar::F32)], |_| column(bytes(values).leak(), Scalar::F32));
+        assert_eq!(of(&[0.0, 12.5, 255.0, 3.0]), None);
+        assert_eq!(of(&[0.0, f32::from_bits(0x00ff_8000), f32::from_bits(0xff00_ff00)]), Some(vec![[0; 3], [255, 128, 0], [0, 255, 0]]));
     }
 
     #[test]

@@ -46,7 +46,7 @@ impl RawCloud {
         Self {
             points: record::points(roles.xyz.map(column)),
             intensity: roles.intensity.map(|k| column(k).to_f32()),
-            colours: roles.colour.map(|colour| colour.read(fields, column)),
+            colours: roles.colour.and_then(|colour| colour.read(fields, column)),
             ring: roles.ring.map(|k| Rings::of(column(k))),
             time: roles.time.map(|k| column(k).to_f64()),
             time_field: roles.time.map(|k| (fields[k].name.clone(), fields[k].scalar)),
@@ -144,6 +144,8 @@ mod tests {
             ("timestamp", Scalar::F64, [epoch, epoch + 0.05], 0.05, Some(epoch)),
             ("timestamp", Scalar::F64, [epoch * 1e9, epoch * 1e9 + 5e7], 0.05, Some(epoch)),
             ("t", Scalar::U64, [epoch * 1e9, epoch * 1e9 + 1e8], 0.1, Some(epoch)),
+            // A counter that begins anew within the sweep.
+            ("t", Scalar::U32, [4_284_967_296.0, 4e7], 0.05, Some(4.284_967_296)),
             // Other units than the type stands for: a sweep cannot last 0.1 ms, nor 100 s.
             ("t", Scalar::U32, [0.0, 1e5], 0.1, None),
             ("time", Scalar::F32, [0.0, 1e5], 0.1, None),

@@ -3,6 +3,7 @@
 use super::record::Scalar;
 use super::roles::CURVATURE;
 use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
 use voxelastic::Cloud;
 
 /// No sweep takes longer, seconds.
@@ -18,6 +19,12 @@ const SWEEP: [f64; 2] = [1e-2, 1.9];
 /// The same for the unit that a driver's type of numbers stands for, which is believed in doubt.
 const USUAL_SWEEP: [f64; 2] = [5e-4, 2.5];
 
+/// From here on, the floats of 32 bits that a sweep takes must differ by many steps, or they cannot hold its times: dates in seconds cannot.
+const LARGEST_FINE: f64 = 1e6;
+const LEAST_STEPS: f64 = 64.0;
+/// Whether that was said: it is so of every cloud.
+static SAID_COARSE: AtomicBool = AtomicBool::new(false);
+
 /// What the times of a cloud's points are.
 #[derive(Debug, Default)]
 pub(super) struct TimesOfPoints {
@@ -30,12 +37,21 @@ pub(super) struct TimesOfPoints {
 }
 
 /// Times in seconds relative to a stamp: the earliest point's if the file has absolute times, else the cloud's own.
-pub(super) fn relative_times(values: Vec<f64>, points: &[[f32; 3]], name: &str, scalar: Scalar, path: &Path) -> TimesOfPoints {
+pub(super) fn relative_times(mut values: Vec<f64>, points: &[[f32; 3]], name: &str, scalar: Scalar, path: &Path) -> TimesOfPoints {
     let is_known = |&(t, p): &(&f64, &[f32; 3])| t.is_finite() & Cloud::is_return(p);
+    if scalar == Scalar::U32 {
+        unwrap(&mut values);
+    }
     let Some(first) = values.iter().zip(points).find(is_known).map(|(t, _)| *t) else { return TimesOfPoints::default() };
     let is_curvature = name.eq_ignore_ascii_case(CURVATURE);
     let usual = if is_curvature { 1e-3 } else { usual_unit_s(scalar, first) };
     let all = bounds(&values, first);
+    if scalar == Scalar::F32 && first.abs() > LARGEST_FINE && all.1 - all.0 < LEAST_STEPS * first.abs() * f64::from(f32::EPSILON) {
+        if !SAID_COARSE.swap(true, Ordering::Relaxed) {
+            tracing::warn!("{}: floats of 32 bits cannot hold the times in field {name}, {first}: ignored; write them as 64 bits", path.display());
+        }
+        return TimesOfPoints::default();
+    }
     // Times that are all the same say nothing of their unit.
     let ((low, high), unit) = if !is_curvature && (all.0 == all.1 || lasts(all.1 - all.0, usual, USUAL_SWEEP)) {
         (all, usual)
@@ -61,6 +77,19 @@ pub(super) fn relative_times(values: Vec<f64>, points: &[[f32; 3]], name: &str, 
         (if t.abs() <= LONGEST_SWEEP + LARGEST_RELATIVE { t } else { 0.0 }) as f32
     };
     TimesOfPoints { time: Some(values.iter().map(|&t| relative(t)).collect()), stamp, has_shares }
+}
+
+/// Counters of 32 bits begin anew, of nanoseconds every 4.3 s: where a sweep goes over that, what is after it is counted on. Points without a return often have 0,
+/// which says nothing.
+fn unwrap(values: &mut [f64]) {
+    const TURN: f64 = (1u64 << 32) as f64;
+    let (low, high) = bounds(values, values.first().copied().unwrap_or(0.0));
+    let is_early = |t: f64| t < TURN / 8.0;
+    let goes_over =
+        high - low > TURN / 2.0 && values.iter().all(|t| is_early(*t) || *t > TURN * 7.0 / 8.0) && values.iter().any(|t| *t > 0.0 && is_early(*t));
+    if goes_over {
+        values.iter_mut().filter(|t| is_early(**t)).for_each(|t| *t += TURN);
+    }
 }
 
 /// The least and the largest of the finite times and of `first`, in SIMD lanes.

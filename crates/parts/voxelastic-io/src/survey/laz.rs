@@ -36,6 +36,10 @@ pub(super) fn exaggerates(file: &[u8]) -> Option<String> {
     if file.get(104)? & 0x80 == 0 {
         return None;
     }
+    // LASzip 1 packed all points in one piece, without a table.
+    if laszip_record(file).and_then(|record| u16_at(record, 0)).is_some_and(|packing| packing < 2) {
+        return Some("packed by LASzip 1, before 2011, which its decoder does not read: unpack it with laszip or PDAL first".to_owned());
+    }
     let points = u32_at(file, 96)?;
     // The place of the table; if the writer could not go back to note it, it is the last number of the file.
     let table = match u64_at(file, points)? as i64 {

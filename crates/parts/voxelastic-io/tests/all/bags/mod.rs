@@ -4,10 +4,12 @@
 mod drive;
 mod harm;
 mod images;
+mod message_bag;
 mod ouster;
 mod packet_topics;
 mod packets;
 mod robosense;
+mod times;
 mod two_sensors;
 mod written;
 

@@ -250,6 +250,10 @@ fn layers_larger_than_the_file_are_refused_at_once() {
     }
     let record = good.windows(14).position(|w| w == b"laszip encoded").unwrap() + 52;
     let refused = |bad: Vec<u8>| las::parse(bad, Path::new("a.laz")).unwrap_err().to_string();
+    // Packed by the first LASzip.
+    let mut bad = good.clone();
+    bad[record..][..2].copy_from_slice(&[1, 0]);
+    assert!(refused(bad).contains("unpack it with laszip or PDAL"));
     // Chunks of one point: the second begins where the table of chunks lies.
     let mut bad = [good.as_slice(), &[0xff; 200]].concat();
     bad[record + 12..][..4].copy_from_slice(&1u32.to_le_bytes());
