@@ -1,0 +1,168 @@
+//! The normal equations of all poses: planes are eliminated, so that scans which share one are tied to each other.
+
+use super::moments::{fit, Linear};
+use super::planes::Shared;
+use crate::SlamError;
+use crate::graph::{Between, Structure, System, exp, renormalised};
+use nalgebra::{Matrix6, Matrix6x3, Vector6};
+use rayon::prelude::*;
+use voxelastic::Pose;
+
+/// Standard deviation with which the first pose is held, metres and radians.
+const HELD: f64 = 1e-5;
+/// Damping after a step that made things worse, and that with which it gives up, relative to the diagonal.
+const DAMPING: (f64, f64) = (1e-5, 1e3);
+
+/// Planes and edges as functions of the poses.
+pub(super) struct Equations<'a> {
+    planes: &'a [Shared],
+    edges: &'a mut [Between],
+    /// Weight of a point of a plane: the inverse of its variance.
+    per_point: f64,
+    system: System,
+    /// For each scan the planes that it sees, as numbers of the plane and of the cluster in it.
+    seen_by: Vec<Vec<(u32, u32)>>,
+    /// For each scan those before it with which it shares a plane.
+    before: Vec<Vec<u32>>,
+}
+
+/// A scan at a plane, with the plane eliminated.
+#[derive(Clone)]
+struct Tie {
+    pose: Matrix6<f64>,
+    pull: Vector6<f64>,
+    /// What the plane takes away from the block of two scans is the product of these.
+    shared: Matrix6x3<f64>,
+}
+
+impl<'a> Equations<'a> {
+    /// The equations of so many scans.
+    pub(super) fn new(scans: usize, planes: &'a [Shared], edges: &'a mut [Between], sigma: f64) -> Result<Self, SlamError> {
+        let mut seen_by = vec![Vec::new(); scans];
+        for (p, plane) in planes.iter().enumerate() {
+            for (c, cluster) in plane.clusters.iter().enumerate() {
+                seen_by[cluster.scan as usize].push((p as u32, c as u32));
+            }
+        }
+        let mut before = vec![Vec::new(); scans];
+        let mut last_for = vec![u32::MAX; scans];
+        for (scan, planes_of) in seen_by.iter().enumerate() {
+            for (p, c) in planes_of {
+                for other in &planes[*p as usize].clusters[..*c as usize] {
+                    if last_for[other.scan as usize] != scan as u32 {
+                        last_for[other.scan as usize] = scan as u32;
+                        before[scan].push(other.scan);
+                    }
+                }
+            }
+            before[scan].sort_unstable();
+        }
+        let by_planes = before.iter().enumerate().flat_map(|(scan, before)| before.iter().map(move |b| (*b as usize, scan)));
+        let by_edges = edges.iter().map(|e| e.nodes);
+        let failed = || SlamError::Failed { reason: format!("the equations of {scans} scans do not fit into memory") };
+        let system = Structure::new(scans, by_planes.chain(by_edges)).and_then(System::new).ok_or_else(failed)?;
+        Ok(Self { planes, edges, per_point: 1.0 / (sigma * sigma), system, seen_by, before })
+    }
+
+    /// Half the sum of all squares, in standard deviations.
+    pub(super) fn cost(&self, poses: &[Pose]) -> f64 {
+        let costs: Vec<f64> = self.planes.par_iter().map(|plane| fit(&plane.clusters, poses).map_or(0.0, |plane| plane.cost)).collect();
+        let edges: f64 = self.edges.iter().map(|e| e.evaluate(&poses[e.nodes.0], &poses[e.nodes.1]).cost).sum();
+        0.5 * self.per_point * costs.iter().sum::<f64>() + edges
+    }
+
+    /// Takes steps while they gain something. Returns the cost at the end.
+    pub(super) fn minimise(&mut self, poses: &mut Vec<Pose>, steps: usize) -> f64 {
+        let (mut cost, mut damping) = (self.cost(poses), 0.0);
+        let mut gradient = self.linearise(poses);
+        let mut taken = 0;
+        while taken < steps {
+            let better = self.system.factorise(damping).then(|| {
+                let step = self.system.solve(&gradient);
+                let trial: Vec<Pose> = poses.iter().zip(&step).map(|(pose, step)| renormalised(pose * exp(&-step))).collect();
+                (self.cost(&trial), trial)
+            });
+            match better.filter(|(after, _)| *after < cost) {
+                Some((after, trial)) => {
+                    let gain = cost - after;
+                    (*poses, cost, damping, taken) = (trial, after, 0.1 * damping, taken + 1);
+                    if gain < 1e-6 * cost || taken == steps {
+                        break;
+                    }
+                    gradient = self.linearise(poses);
+                }
+                None if damping >= DAMPING.1 => break,
+                None => damping = (10.0 * damping).max(DAMPING.0),
+            }
+        }
+        cost
+    }
+
+    /// Puts matrix and gradient together.
+    pub(super) fn linearise(&mut self, poses: &[Pose]) -> Vec<Vector6<f64>> {
+        let ties: Vec<Vec<Tie>> = self.planes.par_iter().map(|plane| ties(plane, poses, self.per_point)).collect();
+        let none = vec![None; poses.len()];
+        let row = |place: &mut Vec<Option<u32>>, scan: usize| {
+            let before = &self.before[scan];
+            before.iter().enumerate().for_each(|(k, b)| place[*b as usize] = Some(k as u32));
+            let mut blocks = vec![Matrix6::zeros(); before.len()];
+            let (mut own, mut pull) = (Matrix6::zeros(), Vector6::zeros());
+            for (p, c) in &self.seen_by[scan] {
+                let of_plane = &ties[*p as usize];
+                let Some(tie) = of_plane.get(*c as usize) else { continue };
+                own += tie.pose - tie.shared * tie.shared.transpose();
+                pull += tie.pull;
+                for (other, cluster) in of_plane.iter().zip(&self.planes[*p as usize].clusters).take(*c as usize) {
+                    if let Some(k) = place[cluster.scan as usize] {
+                        blocks[k as usize] -= other.shared * tie.shared.transpose();
+                    }
+                }
+            }
+            before.iter().for_each(|b| place[*b as usize] = None);
+            (own, pull, blocks)
+        };
+        let rows: Vec<_> = (0..poses.len()).into_par_iter().map_init(|| none.clone(), row).collect();
+        self.system.clear();
+        let mut gradient = vec![Vector6::zeros(); poses.len()];
+        for (scan, (own, pull, blocks)) in rows.into_iter().enumerate() {
+            self.system.add_diagonal(scan, &own);
+            gradient[scan] += pull;
+            for (b, block) in self.before[scan].iter().zip(&blocks) {
+                if let Some(place) = self.system.structure().block(*b as usize, scan) {
+                    self.system.add(place, block);
+                }
+            }
+        }
+        for edge in self.edges.iter_mut() {
+            let (a, b) = edge.nodes;
+            let at = edge.evaluate(&poses[a], &poses[b]);
+            let (first, second) = edge.gradient(&at);
+            gradient[a] += first;
+            gradient[b] += second;
+            edge.linearise(&at, true);
+            if let (Some(linear), Some(place)) = (edge.linear(), self.system.structure().block(a, b)) {
+                self.system.add_diagonal(a, &linear.blocks[0]);
+                self.system.add(place, &linear.blocks[1]);
+                self.system.add_diagonal(b, &linear.blocks[2]);
+            }
+        }
+        self.system.add_diagonal(0, &(Matrix6::identity() / (HELD * HELD)));
+        gradient
+    }
+}
+
+/// The scans at a plane; none if the plane has no direction.
+fn ties(plane: &Shared, poses: &[Pose], per_point: f64) -> Vec<Tie> {
+    let Some(fitted) = fit(&plane.clusters, poses) else { return Vec::new() };
+    let linear: Vec<Linear> = plane.clusters.iter().map(|c| c.linear(&poses[c.scan as usize], &fitted)).collect();
+    let whole = linear.iter().map(|l| l.plane).sum::<nalgebra::Matrix3<f64>>();
+    let whole_pull = linear.iter().map(|l| l.plane_pull).sum::<nalgebra::Vector3<f64>>();
+    let Some(factor) = whole.cholesky() else { return Vec::new() };
+    let moved = factor.solve(&whole_pull);
+    let tie = |l: &Linear| {
+        // L X^T = both^T: the product of two such is what elimination takes away.
+        let shared = factor.l_dirty().solve_lower_triangular(&l.both.transpose()).map_or_else(Matrix6x3::zeros, |x| x.transpose());
+        Tie { pose: per_point * l.pose, pull: per_point * (l.pull - l.both * moved), shared: per_point.sqrt() * shared }
+    };
+    linear.iter().map(tie).collect()
+}

@@ -1,0 +1,112 @@
+//! Refinement: the surfaces themselves correct the poses. Bundle adjustment over planes, as BALM does it (Liu and Zhang, "BALM: Bundle Adjustment for Lidar
+//! Mapping", 2021; Liu, Liu and Zhang, "Efficient and Consistent Bundle Adjustment on Lidar Point Clouds", 2023).
+//!
+//! A scan is kept as surfels. Surfels of all scans that lie in one cube and look to one side are one plane, where a robust fit says so; other cubes are halved.
+//! Of each plane, each scan knows ten sums, from which cost and derivatives follow for any pose. The cost is the sum of squares of the distances of all points
+//! to their planes; planes are unknowns, too, and are eliminated, which leaves one sparse system over all poses. Edges between scans hold what no plane does.
+//! Round by round planes are found anew, and what is far from them no longer counts. One of ten surfels is held out and judges: poses that it does not find
+//! better are not kept.
+
+mod equations;
+mod judge;
+mod moments;
+mod plane_fit;
+mod planes;
+mod settings;
+mod surfels;
+
+pub use judge::Judgement;
+pub use settings::RefineSettings;
+pub use surfels::ScanSurface;
+
+use crate::SlamError;
+use crate::graph::{Between, default_information, upper_triangle, usable_information};
+use equations::Equations;
+use nalgebra::Matrix6;
+use settings::Round;
+use std::collections::HashSet;
+use voxelastic::Pose;
+use voxelastic::event::Edge;
+
+/// Standard deviations up to which an edge that is no odometry counts fully.
+const HUBER: f64 = 3.5;
+
+/// What a round did.
+#[derive(Clone, Copy, Debug)]
+#[non_exhaustive]
+pub struct RoundReport {
+    /// Surfels farther than this from a plane were not on it, metres.
+    pub gate_m: f64,
+    /// Planes that several scans shared.
+    pub planes: usize,
+    /// How well the scans lie on them after it.
+    pub judgement: Judgement,
+    /// Whether the poses were kept.
+    pub is_kept: bool,
+}
+
+/// The outcome of a refinement.
+#[derive(Clone, Debug)]
+#[non_exhaustive]
+pub struct Refined {
+    /// The poses, in the order of the scans.
+    pub poses: Vec<Pose>,
+    /// How well the scans lay on each other before.
+    pub before: Judgement,
+    /// And after.
+    pub after: Judgement,
+    /// The rounds.
+    pub rounds: Vec<RoundReport>,
+}
+
+/// Refines the poses of scans. `edges` are between scans, by their numbers; where scans that follow each other have none, their given poses are one. `cell` is the edge of the
+/// cells of the scans, metres.
+///
+/// # Errors
+/// [`SlamError`]: edges that are none, or a system too large.
+pub fn refine(poses: &[Pose], scans: &[ScanSurface], edges: &[Edge], cell: f64, settings: &RefineSettings) -> Result<Refined, SlamError> {
+    let mut between = edges_between(poses, edges)?;
+    let judging = Round::new(settings, judge::GATE, cell);
+    let before = judge::judge(scans, poses, &judging);
+    let (mut best, mut after, mut rounds) = (poses.to_vec(), before, Vec::new());
+    for gate in &settings.gates {
+        let planes = planes::shared(scans, &best, &Round::new(settings, *gate, cell));
+        let mut trial = best.clone();
+        Equations::new(scans.len(), &planes, &mut between, settings.sigma)?.minimise(&mut trial, settings.steps);
+        let judgement = judge::judge(scans, &trial, &judging);
+        let is_kept = judgement.is_better(&after, settings.least_gain);
+        rounds.push(RoundReport { gate_m: *gate, planes: planes.len(), judgement, is_kept });
+        if is_kept {
+            (best, after) = (trial, judgement);
+        }
+    }
+    Ok(Refined { poses: best, before, after, rounds })
+}
+
+/// The edges as factors.
+fn edges_between(poses: &[Pose], edges: &[Edge]) -> Result<Vec<Between>, SlamError> {
+    let mut out = Vec::with_capacity(poses.len() + edges.len());
+    let mut has_next = HashSet::new();
+    for edge in edges {
+        if edge.from.max(edge.to) >= poses.len() as u64 {
+            return Err(SlamError::UnknownNode { node: edge.from.max(edge.to) });
+        }
+        if edge.from == edge.to {
+            return Err(SlamError::SelfEdge { node: edge.from });
+        }
+        let is_odometry = edge.from.abs_diff(edge.to) == 1;
+        if is_odometry {
+            has_next.insert(edge.from.min(edge.to));
+        }
+        let (information, _) = usable_information(edge)?;
+        out.push(Between::new((edge.from as usize, edge.to as usize), edge.t_from_to, information, (!is_odometry).then_some(HUBER)));
+    }
+    for (k, pair) in poses.windows(2).enumerate().filter(|(k, _)| !has_next.contains(&(*k as u64))) {
+        let t_from_to = pair[0].inv_mul(&pair[1]);
+        let diagonal = default_information(t_from_to.translation.vector.norm());
+        let information = upper_triangle(&Matrix6::from_diagonal(&diagonal.into()));
+        let edge = Edge { from: k as u64, to: k as u64 + 1, t_from_to, information: Some(information) };
+        out.push(Between::new((k, k + 1), t_from_to, usable_information(&edge)?.0, None));
+    }
+    Ok(out)
+}
