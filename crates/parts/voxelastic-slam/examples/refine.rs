@@ -58,26 +58,21 @@ fn main() -> Result<(), Box<dyn Error>> {
     if let Some(v) = value("halvings") { settings.halvings = v as u32; }
     if let Some(v) = value("points") { settings.most_points = v; }
     if let Some(v) = value("sigma") { settings.sigma = v; }
+    if let Some(v) = value("held") { settings.held = [0.1 * v, v]; }
     if let Some(v) = value("rough") { settings.roughness = v; }
-    if let Some(v) = value("steep") { settings.steepest = v; }
     if let Some(v) = value("steps") { settings.steps = v as usize; }
     if let Some(v) = value("gain") { settings.least_gain = v; }
     let show = |what: &str, j: &voxelastic_slam::refine::Judgement, poses: &[Pose], time: f64| {
-        println!("{what:18} planes {:6} thick {:.2} / {:.2} cm, near {:.3} at {:.3} cm, score {:.3} cm; truth {:.2} cm; {time:.1} s", j.planes, 100.0 * j.thickness_m, 100.0 * j.thickness_90_m, j.near, 100.0 * j.distance_m, 100.0 * j.score_m, error(poses));
+        println!("{what:18} planes {:6} thick {:.2} / {:.2} cm, near {:.3} at {:.3} cm, score {:.4}; truth {:.2} cm; {time:.1} s", j.planes, 100.0 * j.thickness_m, 100.0 * j.thickness_90_m, j.near, 100.0 * j.distance_m, j.score, error(poses));
     };
     let clock = Instant::now();
-    let gates = settings.gates.clone();
-    let mut now = poses.clone();
-    for gate in gates {
-        settings.gates = vec![gate];
-        let refined = refine(&now, &scans, &[], cell, &settings)?;
-        if now == poses {
-            show("before", &refined.before, &now, clock.elapsed().as_secs_f64());
-        }
-        now = refined.poses;
-        let round = refined.rounds[0];
-        show(&format!("gate {gate:.2} {} {}", round.planes, if round.is_kept { "kept" } else { "not" }), &round.judgement, &now, clock.elapsed().as_secs_f64());
+    let refined = refine(&poses, &scans, &[], cell, &settings)?;
+    show("before", &refined.before, &poses, 0.0);
+    for round in &refined.rounds {
+        show(&format!("gate {:.2} {} {}", round.gate_m, round.planes, if round.is_kept { "kept" } else { "not" }), &round.judgement, &poses, 0.0);
     }
+    let now = refined.poses;
+    show("after", &refined.after, &now, clock.elapsed().as_secs_f64());
     if let Some(truth) = &truth {
         let truth: Vec<Pose> = nodes.iter().map(|n| truth[n]).collect();
         // Each pose against the truth after the best rigid alignment of positions, by axes.

@@ -16,7 +16,7 @@ pub(crate) fn exp(v: &Vector6<f64>) -> Pose {
 }
 
 /// The vector of a motion; its angle is at most half a turn.
-pub(super) fn log(pose: &Pose) -> Vector6<f64> {
+pub(crate) fn log(pose: &Pose) -> Vector6<f64> {
     let w = pose.rotation.scaled_axis();
     let t = pose.translation.vector;
     let angle2 = w.norm_squared();

@@ -30,6 +30,6 @@ pub(crate) use block_cholesky::{Structure, System};
 pub use incremental::Correction;
 pub use information::default_information;
 pub(crate) use information::{symmetric, upper_triangle, usable_information};
-pub(crate) use lie::{exp, renormalised};
+pub(crate) use lie::{exp, log, renormalised};
 pub use live::LiveOptimiser;
 pub use solve::{Options, Problem, Solved, optimise};

@@ -1,15 +1,13 @@
 //! The normal equations of all poses: planes are eliminated, so that scans which share one are tied to each other.
 
-use super::moments::{fit, Linear};
+use super::moments::{Linear, fit};
 use super::planes::Shared;
 use crate::SlamError;
-use crate::graph::{Between, Structure, System, exp, renormalised};
+use crate::graph::{Between, Structure, System, exp, log, renormalised};
 use nalgebra::{Matrix6, Matrix6x3, Vector6};
 use rayon::prelude::*;
 use voxelastic::Pose;
 
-/// Standard deviation with which the first pose is held, metres and radians.
-const HELD: f64 = 1e-5;
 /// Damping after a step that made things worse, and that with which it gives up, relative to the diagonal.
 const DAMPING: (f64, f64) = (1e-5, 1e3);
 
@@ -17,6 +15,7 @@ const DAMPING: (f64, f64) = (1e-5, 1e3);
 pub(super) struct Equations<'a> {
     planes: &'a [Shared],
     edges: &'a mut [Between],
+    hold: Hold<'a>,
     /// Weight of a point of a plane: the inverse of its variance.
     per_point: f64,
     system: System,
@@ -24,6 +23,25 @@ pub(super) struct Equations<'a> {
     seen_by: Vec<Vec<(u32, u32)>>,
     /// For each scan those before it with which it shares a plane.
     before: Vec<Vec<u32>>,
+}
+
+/// Poses are held, weakly, where they were: what surfaces do not decide, such as where the map is as a whole, stays.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Hold<'a> {
+    pub(super) poses: &'a [Pose],
+    /// Standard deviations, radians and metres.
+    pub(super) sigmas: [f64; 2],
+}
+
+impl Hold<'_> {
+    fn information(&self) -> Vector6<f64> {
+        Vector6::from_fn(|i, _| self.sigmas[i / 3].powi(-2))
+    }
+
+    /// The way from where a pose is held to where it is.
+    fn off(&self, scan: usize, pose: &Pose) -> Vector6<f64> {
+        log(&self.poses[scan].inv_mul(pose))
+    }
 }
 
 /// A scan at a plane, with the plane eliminated.
@@ -37,7 +55,7 @@ struct Tie {
 
 impl<'a> Equations<'a> {
     /// The equations of so many scans.
-    pub(super) fn new(scans: usize, planes: &'a [Shared], edges: &'a mut [Between], sigma: f64) -> Result<Self, SlamError> {
+    pub(super) fn new(scans: usize, planes: &'a [Shared], edges: &'a mut [Between], hold: Hold<'a>, sigma: f64) -> Result<Self, SlamError> {
         let mut seen_by = vec![Vec::new(); scans];
         for (p, plane) in planes.iter().enumerate() {
             for (c, cluster) in plane.clusters.iter().enumerate() {
@@ -61,14 +79,16 @@ impl<'a> Equations<'a> {
         let by_edges = edges.iter().map(|e| e.nodes);
         let failed = || SlamError::Failed { reason: format!("the equations of {scans} scans do not fit into memory") };
         let system = Structure::new(scans, by_planes.chain(by_edges)).and_then(System::new).ok_or_else(failed)?;
-        Ok(Self { planes, edges, per_point: 1.0 / (sigma * sigma), system, seen_by, before })
+        Ok(Self { planes, edges, hold, per_point: 1.0 / (sigma * sigma), system, seen_by, before })
     }
 
     /// Half the sum of all squares, in standard deviations.
     pub(super) fn cost(&self, poses: &[Pose]) -> f64 {
         let costs: Vec<f64> = self.planes.par_iter().map(|plane| fit(&plane.clusters, poses).map_or(0.0, |plane| plane.cost)).collect();
         let edges: f64 = self.edges.iter().map(|e| e.evaluate(&poses[e.nodes.0], &poses[e.nodes.1]).cost).sum();
-        0.5 * self.per_point * costs.iter().sum::<f64>() + edges
+        let information = self.hold.information();
+        let held: f64 = poses.iter().enumerate().map(|(k, pose)| self.hold.off(k, pose)).map(|off| 0.5 * off.dot(&information.component_mul(&off))).sum();
+        0.5 * self.per_point * costs.iter().sum::<f64>() + edges + held
     }
 
     /// Takes steps while they gain something. Returns the cost at the end.
@@ -146,7 +166,11 @@ impl<'a> Equations<'a> {
                 self.system.add_diagonal(b, &linear.blocks[2]);
             }
         }
-        self.system.add_diagonal(0, &(Matrix6::identity() / (HELD * HELD)));
+        let information = self.hold.information();
+        for (k, pose) in poses.iter().enumerate() {
+            gradient[k] += information.component_mul(&self.hold.off(k, pose));
+            self.system.add_diagonal(k, &Matrix6::from_diagonal(&information));
+        }
         gradient
     }
 }

@@ -6,7 +6,7 @@ use super::surfels::ScanSurface;
 use voxelastic::Pose;
 
 /// The gate of those that judge, metres. It is the same before and after.
-pub(super) const GATE: f64 = 0.3;
+pub(super) const GATE: f64 = 0.2;
 
 /// How well scans lie on each other's planes at some poses.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -22,10 +22,11 @@ pub struct Judgement {
     pub held_out: usize,
     /// The share of these that lies near a plane of other scans.
     pub near: f64,
-    /// Mean distance of these from it, metres.
+    /// Distance of these from it: that of the middle one, metres.
     pub distance_m: f64,
-    /// Mean distance of all points that were held out, metres; those that are near no plane count as far as the gate.
-    pub score_m: f64,
+    /// How ill all points that were held out lie on the planes of other scans: the mean of half the logarithm of one plus the square of the distance, in units of the roughness
+    /// of flat planes. A point near no plane counts as one as far as the gate.
+    pub score: f64,
 }
 
 /// Judges poses.
@@ -37,11 +38,17 @@ pub(super) fn judge(scans: &[ScanSurface], poses: &[Pose], round: &Round) -> Jud
             held_out.map(|(_, s)| f64::from(s.count)).sum::<f64>()
         })
         .sum();
-    let (mut near, mut sum) = (0.0, 0.0);
-    for (_, distance, count) in seen.iter().flat_map(|plane| &plane.held_out) {
-        near += count;
-        sum += count * distance.min(round.gate);
-    }
+    let mut held: Vec<(f64, f64)> = seen.iter().flat_map(|plane| &plane.held_out).map(|(_, distance, count)| (*distance, *count)).collect();
+    held.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
+    let near: f64 = held.iter().map(|(_, count)| count).sum();
+    // A distance on a rough plane says little; such a loss hears most of what flat ones say.
+    let loss = |distance: f64| 0.5 * (distance.min(round.gate) / round.roughness).powi(2).ln_1p();
+    let sum: f64 = held.iter().map(|(distance, count)| count * loss(*distance)).sum();
+    let mut below = 0.0;
+    let middle = held.iter().find(|(_, count)| {
+        below += count;
+        below >= 0.5 * near
+    });
     let mut thickness: Vec<f64> = seen.iter().map(|plane| plane.variance.sqrt()).collect();
     thickness.sort_unstable_by(f64::total_cmp);
     let quantile = |q: f64| thickness.get(((thickness.len() as f64 - 1.0) * q).round() as usize).copied().unwrap_or(f64::NAN);
@@ -51,14 +58,14 @@ pub(super) fn judge(scans: &[ScanSurface], poses: &[Pose], round: &Round) -> Jud
         thickness_90_m: quantile(0.9),
         held_out: all as usize,
         near: near / all.max(1.0),
-        distance_m: sum / near.max(1.0),
-        score_m: (sum + round.gate * (all - near)) / all.max(1.0),
+        distance_m: middle.map_or(f64::NAN, |(distance, _)| *distance),
+        score: (sum + loss(round.gate) * (all - near)) / all.max(1.0),
     }
 }
 
 impl Judgement {
-    /// Whether it is better than another by more than a share of the distances there.
-    pub(super) fn is_better(&self, before: &Self, share: f64) -> bool {
-        self.score_m < before.score_m - share * before.distance_m * before.near
+    /// Whether it is better than another by more than a gain.
+    pub(super) fn is_better(&self, before: &Self, gain: f64) -> bool {
+        self.score < before.score - gain
     }
 }

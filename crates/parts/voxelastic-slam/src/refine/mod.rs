@@ -21,7 +21,7 @@ pub use surfels::ScanSurface;
 
 use crate::SlamError;
 use crate::graph::{Between, default_information, upper_triangle, usable_information};
-use equations::Equations;
+use equations::{Equations, Hold};
 use nalgebra::Matrix6;
 use settings::Round;
 use std::collections::HashSet;
@@ -66,13 +66,14 @@ pub struct Refined {
 /// [`SlamError`]: edges that are none, or a system too large.
 pub fn refine(poses: &[Pose], scans: &[ScanSurface], edges: &[Edge], cell: f64, settings: &RefineSettings) -> Result<Refined, SlamError> {
     let mut between = edges_between(poses, edges)?;
+    let hold = Hold { poses, sigmas: settings.held };
     let judging = Round::new(settings, judge::GATE, cell);
     let before = judge::judge(scans, poses, &judging);
     let (mut best, mut after, mut rounds) = (poses.to_vec(), before, Vec::new());
     for gate in &settings.gates {
         let planes = planes::shared(scans, &best, &Round::new(settings, *gate, cell));
         let mut trial = best.clone();
-        Equations::new(scans.len(), &planes, &mut between, settings.sigma)?.minimise(&mut trial, settings.steps);
+        Equations::new(scans.len(), &planes, &mut between, hold, settings.sigma)?.minimise(&mut trial, settings.steps);
         let judgement = judge::judge(scans, &trial, &judging);
         let is_kept = judgement.is_better(&after, settings.least_gain);
         rounds.push(RoundReport { gate_m: *gate, planes: planes.len(), judgement, is_kept });

@@ -104,16 +104,15 @@ pub(super) fn shared(scans: &[ScanSurface], poses: &[Pose], round: &Round) -> Ve
     })
 }
 
-/// A plane as those see it that judge: standard deviation of its points across it, number of points, and the distances of points that were held out.
+/// A plane as those see it that judge: variance of its points across it, and the distances of points that were held out.
 #[derive(Clone, Debug)]
 pub(super) struct Seen {
     pub(super) variance: f64,
-    pub(super) points: f64,
     /// Scan, distance to the plane through the surfels of other scans, and number of points.
     pub(super) held_out: Vec<(u32, f64, f64)>,
 }
 
-/// The planes that are shared by several scans, as those see them that judge; and the number of points that were held out, whether on a plane or not.
+/// The planes that are shared by several scans, as those see them that judge.
 pub(super) fn seen(scans: &[ScanSurface], poses: &[Pose], round: &Round) -> Vec<Seen> {
     Sorted::new(scans, poses, round).cubes(scans, poses, round, |cube, piece| {
         let found = cube.planes(piece);
@@ -143,8 +142,6 @@ impl Cube<'_> {
         let mut rest = Vec::new();
         for (_, scan, surfel) in piece {
             let placed = self.place(*scan, *surfel);
-            let view = self.poses[*scan as usize].translation.vector - self.centre - placed.point;
-            if placed.normal != Vector3::zeros() && placed.normal.dot(&view) < self.round.steepest * view.norm() { continue; }
             if placed.normal == Vector3::zeros() || self.round.holds_out(*scan, *surfel) {
                 rest.push(placed);
             } else {
@@ -244,7 +241,7 @@ impl Cube<'_> {
                 squares += held.count * (found.plane.distance(&held.point).powi(2) + held.variance);
             }
         }
-        Some(Seen { variance: squares / points, points, held_out })
+        Some(Seen { variance: squares / points, held_out })
     }
 }
 

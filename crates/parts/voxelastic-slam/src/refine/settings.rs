@@ -16,29 +16,29 @@ pub struct RefineSettings {
     pub most_points: f64,
     /// Roughness from which a plane counts less, metres (one standard deviation).
     pub roughness: f64,
-    /// Scans are used up to this range, metres.
-    pub steepest: f64,
+    /// Each pose is held where it was with these standard deviations, radians and metres.
+    pub held: [f64; 2],
     /// Steps of Gauss-Newton in a round.
     pub steps: usize,
     /// One of so many surfels is held out, to judge.
     pub hold_out: usize,
-    /// The held-out points must lie nearer to the planes by this share, or the poses stay.
+    /// The score must fall by this much for poses to be kept.
     pub least_gain: f64,
 }
 
 impl Default for RefineSettings {
     fn default() -> Self {
         Self {
-            gates: vec![0.6, 0.4, 0.25, 0.15, 0.12, 0.1, 0.1, 0.1],
+            gates: vec![0.6, 0.4, 0.25, 0.15, 0.12, 0.12],
             cube: 10.0,
             halvings: 2,
             sigma: 0.02,
-            most_points: 20.0,
-            roughness: 0.01,
-            steepest: 0.0,
+            most_points: 5.0,
+            roughness: 0.005,
+            held: [0.01, 0.1],
             steps: 3,
             hold_out: 10,
-            least_gain: 0.002,
+            least_gain: 0.001,
         }
     }
 }
@@ -56,7 +56,6 @@ pub(super) struct Round {
     pub(super) most_points: f64,
     pub(super) hold_out: usize,
     pub(super) roughness: f64,
-    pub(super) steepest: f64,
 }
 
 impl Round {
@@ -70,7 +69,6 @@ impl Round {
             most_points: settings.most_points,
             hold_out: settings.hold_out,
             roughness: settings.roughness,
-            steepest: settings.steepest,
         }
     }
 
