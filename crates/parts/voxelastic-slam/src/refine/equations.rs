@@ -118,6 +118,13 @@ impl<'a> Equations<'a> {
         cost
     }
 
+    /// The step of Gauss-Newton, to be taken off; none if the system is not positive definite.
+    #[cfg(test)]
+    pub(super) fn step(&mut self, poses: &[Pose]) -> Option<Vec<Vector6<f64>>> {
+        let gradient = self.linearise(poses);
+        self.system.factorise(0.0).then(|| self.system.solve(&gradient))
+    }
+
     /// Puts matrix and gradient together.
     pub(super) fn linearise(&mut self, poses: &[Pose]) -> Vec<Vector6<f64>> {
         let ties: Vec<Vec<Tie>> = self.planes.par_iter().map(|plane| ties(plane, poses, self.per_point)).collect();

@@ -12,6 +12,8 @@ mod judge;
 mod moments;
 mod plane_fit;
 mod planes;
+#[cfg(test)]
+mod reference;
 mod settings;
 mod surfels;
 
