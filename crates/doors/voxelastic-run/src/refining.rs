@@ -167,7 +167,10 @@ fn returns(node: NodeId, clouds: &mut dyn ScanSource) -> Result<Vec<[f32; 3]>> {
     let still = cloud.undistorted();
     if still.is_none() && has_times(&cloud) {
         let what = format!("the points of scan {node} have times, and how the sensor moved during the sweep is not in the data");
-        return Err(Error::new(what, "write the poses with `voxelastic odometry` and map with them, or say --no-deskew if the clouds are compensated already"));
+        return Err(Error::new(
+            what,
+            "write the poses with `voxelastic odometry` and map with them, or say --no-deskew if the clouds are compensated already",
+        ));
     }
     Ok(still.unwrap_or(cloud).points.into_iter().filter(Cloud::is_return).collect())
 }

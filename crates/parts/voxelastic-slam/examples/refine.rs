@@ -25,13 +25,15 @@ fn main() -> Result<(), Box<dyn Error>> {
         rest.first().map(|truth| Ok::<_, Box<dyn Error>>(open(truth)?.scans().iter().map(|s| (s.node, s.t_map_lidar)).collect())).transpose()?;
     let cell = value("cell").unwrap_or(0.2);
     let clock = Instant::now();
-    let (mut nodes, mut poses, mut scans) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut nodes, mut times, mut poses, mut scans) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
     for event in drive.events() {
         if let Event::Scan(scan) = event? {
             nodes.push(scan.node);
+            times.push(scan.time);
             poses.push(scan.t_map_lidar);
             let far = value("range").unwrap_or(1e9) as f32;
-            let points: Vec<[f32; 3]> = scan.cloud.points.iter().filter(|p| voxelastic::Cloud::is_return(p) && p[0].hypot(p[1]).hypot(p[2]) < far).copied().collect();
+            let points: Vec<[f32; 3]> =
+                scan.cloud.points.iter().filter(|p| voxelastic::Cloud::is_return(p) && p[0].hypot(p[1]).hypot(p[2]) < far).copied().collect();
             scans.push(ScanSurface::of(&points, cell as f32));
         }
         if value("most").is_some_and(|most| scans.len() as f64 >= most) {
@@ -47,23 +49,53 @@ fn main() -> Result<(), Box<dyn Error>> {
     }
     let surfels: usize = scans.iter().map(ScanSurface::len).sum();
     let planarity = scans.iter().map(ScanSurface::planarity).sum::<f64>() / scans.len() as f64;
-    println!("{} scans, {} surfels a scan, {planarity:.2} planar, read in {:.1} s", scans.len(), surfels / scans.len(), clock.elapsed().as_secs_f64());
+    println!(
+        "{} scans, {} surfels a scan, {planarity:.2} planar, read in {:.1} s",
+        scans.len(),
+        surfels / scans.len(),
+        clock.elapsed().as_secs_f64()
+    );
     let error = |poses: &[Pose]| {
         let reference: Vec<(NodeId, Pose)> = nodes.iter().filter_map(|n| Some((*n, *truth.as_ref()?.get(n)?))).collect();
         let poses: Vec<(NodeId, Pose)> = nodes.iter().copied().zip(poses.iter().copied()).collect();
         ate(&by_id(&reference, &poses), Fit::Rigid).map_or(f64::NAN, |a| 100.0 * a.translation_m.rmse)
     };
     let mut settings = RefineSettings::default();
-    if let Some(v) = value("cube") { settings.cube = v; }
-    if let Some(v) = value("halvings") { settings.halvings = v as u32; }
-    if let Some(v) = value("points") { settings.most_points = v; }
-    if let Some(v) = value("sigma") { settings.sigma = v; }
-    if let Some(v) = value("held") { settings.held = [0.1 * v, v]; }
-    if let Some(v) = value("rough") { settings.roughness = v; }
-    if let Some(v) = value("steps") { settings.steps = v as usize; }
-    if let Some(v) = value("gain") { settings.least_gain = v; }
+    if let Some(v) = value("cube") {
+        settings.cube = v;
+    }
+    if let Some(v) = value("halvings") {
+        settings.halvings = v as u32;
+    }
+    if let Some(v) = value("points") {
+        settings.most_points = v;
+    }
+    if let Some(v) = value("sigma") {
+        settings.sigma = v;
+    }
+    if let Some(v) = value("held") {
+        settings.held = [0.1 * v, v];
+    }
+    if let Some(v) = value("rough") {
+        settings.roughness = v;
+    }
+    if let Some(v) = value("steps") {
+        settings.steps = v as usize;
+    }
+    if let Some(v) = value("gain") {
+        settings.least_gain = v;
+    }
     let show = |what: &str, j: &voxelastic_slam::refine::Judgement, poses: &[Pose], time: f64| {
-        println!("{what:18} planes {:6} thick {:.2} / {:.2} cm, near {:.3} at {:.3} cm, score {:.4}; truth {:.2} cm; {time:.1} s", j.planes, 100.0 * j.thickness_m, 100.0 * j.thickness_90_m, j.near, 100.0 * j.distance_m, j.score, error(poses));
+        println!(
+            "{what:18} planes {:6} thick {:.2} / {:.2} cm, near {:.3} at {:.3} cm, score {:.4}; truth {:.2} cm; {time:.1} s",
+            j.planes,
+            100.0 * j.thickness_m,
+            100.0 * j.thickness_90_m,
+            j.near,
+            100.0 * j.distance_m,
+            j.score,
+            error(poses)
+        );
     };
     let clock = Instant::now();
     let refined = refine(&poses, &scans, &[], cell, &settings)?;
@@ -72,6 +104,9 @@ fn main() -> Result<(), Box<dyn Error>> {
         show(&format!("gate {:.2} {} {}", round.gate_m, round.planes, if round.is_kept { "kept" } else { "not" }), &round.judgement, &poses, 0.0);
     }
     let now = refined.poses;
+    if let Some(file) = keys.iter().find_map(|k| k.strip_prefix("out=")) {
+        voxelastic_io::poses::write_tum(file, &times.iter().copied().zip(now.iter().copied()).collect::<Vec<_>>())?;
+    }
     show("after", &refined.after, &now, clock.elapsed().as_secs_f64());
     if let Some(truth) = &truth {
         let truth: Vec<Pose> = nodes.iter().map(|n| truth[n]).collect();
@@ -79,7 +114,15 @@ fn main() -> Result<(), Box<dyn Error>> {
         let shift: Vec<Pose> = now.iter().zip(&truth).map(|(p, t)| t.inv_mul(p)).collect();
         let mean_q = shift.iter().map(|s| s.rotation.scaled_axis()).sum::<nalgebra::Vector3<f64>>() / shift.len() as f64;
         let spread = shift.iter().map(|s| (s.rotation.scaled_axis() - mean_q).map(|v| v * v)).sum::<nalgebra::Vector3<f64>>() / shift.len() as f64;
-        println!("angles off, degrees: mean {:.4} {:.4} {:.4}, spread {:.4} {:.4} {:.4}", mean_q.x.to_degrees(), mean_q.y.to_degrees(), mean_q.z.to_degrees(), spread.x.sqrt().to_degrees(), spread.y.sqrt().to_degrees(), spread.z.sqrt().to_degrees());
+        println!(
+            "angles off, degrees: mean {:.4} {:.4} {:.4}, spread {:.4} {:.4} {:.4}",
+            mean_q.x.to_degrees(),
+            mean_q.y.to_degrees(),
+            mean_q.z.to_degrees(),
+            spread.x.sqrt().to_degrees(),
+            spread.y.sqrt().to_degrees(),
+            spread.z.sqrt().to_degrees()
+        );
         let (a, b): (Vec<_>, Vec<_>) = now.iter().zip(&truth).map(|(p, t)| (p.translation.vector, t.translation.vector)).unzip();
         let n = a.len() as f64;
         let (ca, cb) = (a.iter().sum::<nalgebra::Vector3<f64>>() / n, b.iter().sum::<nalgebra::Vector3<f64>>() / n);

@@ -1,10 +1,10 @@
 //! The normal equations of all poses: planes are eliminated, so that scans which share one are tied to each other.
 
-use super::moments::{Linear, fit};
+use super::moments::{Cluster, Fitted, fit};
 use super::planes::Shared;
 use crate::SlamError;
 use crate::graph::{Between, Structure, System, exp, log, renormalised};
-use nalgebra::{Matrix6, Matrix6x3, Vector6};
+use nalgebra::{Matrix3, Matrix6, Matrix6x3, Vector3, Vector6};
 use rayon::prelude::*;
 use voxelastic::Pose;
 
@@ -44,13 +44,13 @@ impl Hold<'_> {
     }
 }
 
-/// A scan at a plane, with the plane eliminated.
-#[derive(Clone)]
-struct Tie {
-    pose: Matrix6<f64>,
-    pull: Vector6<f64>,
-    /// What the plane takes away from the block of two scans is the product of these.
-    shared: Matrix6x3<f64>,
+/// A plane that is eliminated.
+struct Eliminated {
+    plane: Fitted,
+    /// Where its own unknowns go when the poses stay.
+    moved: Vector3<f64>,
+    /// What it takes away from the block of two scans is the product of theirs.
+    shared: Vec<Matrix6x3<f64>>,
 }
 
 impl<'a> Equations<'a> {
@@ -87,7 +87,8 @@ impl<'a> Equations<'a> {
         let costs: Vec<f64> = self.planes.par_iter().map(|plane| fit(&plane.clusters, poses).map_or(0.0, |plane| plane.cost)).collect();
         let edges: f64 = self.edges.iter().map(|e| e.evaluate(&poses[e.nodes.0], &poses[e.nodes.1]).cost).sum();
         let information = self.hold.information();
-        let held: f64 = poses.iter().enumerate().map(|(k, pose)| self.hold.off(k, pose)).map(|off| 0.5 * off.dot(&information.component_mul(&off))).sum();
+        let held: f64 =
+            poses.iter().enumerate().map(|(k, pose)| self.hold.off(k, pose)).map(|off| 0.5 * off.dot(&information.component_mul(&off))).sum();
         0.5 * self.per_point * costs.iter().sum::<f64>() + edges + held
     }
 
@@ -127,7 +128,7 @@ impl<'a> Equations<'a> {
 
     /// Puts matrix and gradient together.
     pub(super) fn linearise(&mut self, poses: &[Pose]) -> Vec<Vector6<f64>> {
-        let ties: Vec<Vec<Tie>> = self.planes.par_iter().map(|plane| ties(plane, poses, self.per_point)).collect();
+        let eliminated: Vec<Option<Eliminated>> = self.planes.par_iter().map(|plane| eliminate(plane, poses)).collect();
         let none = vec![None; poses.len()];
         let row = |place: &mut Vec<Option<u32>>, scan: usize| {
             let before = &self.before[scan];
@@ -135,13 +136,14 @@ impl<'a> Equations<'a> {
             let mut blocks = vec![Matrix6::zeros(); before.len()];
             let (mut own, mut pull) = (Matrix6::zeros(), Vector6::zeros());
             for (p, c) in &self.seen_by[scan] {
-                let of_plane = &ties[*p as usize];
-                let Some(tie) = of_plane.get(*c as usize) else { continue };
-                own += tie.pose - tie.shared * tie.shared.transpose();
-                pull += tie.pull;
-                for (other, cluster) in of_plane.iter().zip(&self.planes[*p as usize].clusters).take(*c as usize) {
+                let (Some(Eliminated { plane, moved, shared }), c) = (&eliminated[*p as usize], *c as usize) else { continue };
+                let clusters = &self.planes[*p as usize].clusters;
+                let linear = clusters[c].linear(&poses[scan], plane);
+                own += linear.pose - shared[c] * shared[c].transpose();
+                pull += linear.pull - linear.both * moved;
+                for (other, cluster) in shared[..c].iter().zip(clusters) {
                     if let Some(k) = place[cluster.scan as usize] {
-                        blocks[k as usize] -= other.shared * tie.shared.transpose();
+                        blocks[k as usize] -= other * shared[c].transpose();
                     }
                 }
             }
@@ -152,11 +154,11 @@ impl<'a> Equations<'a> {
         self.system.clear();
         let mut gradient = vec![Vector6::zeros(); poses.len()];
         for (scan, (own, pull, blocks)) in rows.into_iter().enumerate() {
-            self.system.add_diagonal(scan, &own);
-            gradient[scan] += pull;
+            self.system.add_diagonal(scan, &(self.per_point * own));
+            gradient[scan] += self.per_point * pull;
             for (b, block) in self.before[scan].iter().zip(&blocks) {
                 if let Some(place) = self.system.structure().block(*b as usize, scan) {
-                    self.system.add(place, block);
+                    self.system.add(place, &(self.per_point * block));
                 }
             }
         }
@@ -182,18 +184,18 @@ impl<'a> Equations<'a> {
     }
 }
 
-/// The scans at a plane; none if the plane has no direction.
-fn ties(plane: &Shared, poses: &[Pose], per_point: f64) -> Vec<Tie> {
-    let Some(fitted) = fit(&plane.clusters, poses) else { return Vec::new() };
-    let linear: Vec<Linear> = plane.clusters.iter().map(|c| c.linear(&poses[c.scan as usize], &fitted)).collect();
-    let whole = linear.iter().map(|l| l.plane).sum::<nalgebra::Matrix3<f64>>();
-    let whole_pull = linear.iter().map(|l| l.plane_pull).sum::<nalgebra::Vector3<f64>>();
-    let Some(factor) = whole.cholesky() else { return Vec::new() };
-    let moved = factor.solve(&whole_pull);
-    let tie = |l: &Linear| {
-        // L X^T = both^T: the product of two such is what elimination takes away.
-        let shared = factor.l_dirty().solve_lower_triangular(&l.both.transpose()).map_or_else(Matrix6x3::zeros, |x| x.transpose());
-        Tie { pose: per_point * l.pose, pull: per_point * (l.pull - l.both * moved), shared: per_point.sqrt() * shared }
-    };
-    linear.iter().map(tie).collect()
+/// Eliminates a plane; none if it has no direction.
+fn eliminate(shared: &Shared, poses: &[Pose]) -> Option<Eliminated> {
+    let plane = fit(&shared.clusters, poses)?;
+    let linear = |c: &Cluster| c.linear(&poses[c.scan as usize], &plane);
+    let (mut whole, mut pull) = (Matrix3::zeros(), Vector3::zeros());
+    for l in shared.clusters.iter().map(linear) {
+        whole += l.plane;
+        pull += l.plane_pull;
+    }
+    let factor = whole.cholesky()?;
+    // L X^T = both^T: the product of two such is what elimination takes away.
+    let share = |c: &Cluster| factor.l_dirty().solve_lower_triangular(&linear(c).both.transpose()).map(|x| x.transpose());
+    let taken: Option<Vec<Matrix6x3<f64>>> = shared.clusters.iter().map(share).collect();
+    Some(Eliminated { plane, moved: factor.solve(&pull), shared: taken? })
 }

@@ -124,7 +124,8 @@ fn clusters_are_planes_wherever_their_scans_are() {
     let (poses, points, shared) = world(5, 12);
     for (points, shared) in points.iter().zip(&shared) {
         let plane = fit(&shared.clusters, &poses).unwrap();
-        let distance = |(scan, weight, p): &Seen| weight * plane.normal.dot(&((poses[*scan as usize] * Point3::from(*p)).coords - plane.centre)).powi(2);
+        let distance =
+            |(scan, weight, p): &Seen| weight * plane.normal.dot(&((poses[*scan as usize] * Point3::from(*p)).coords - plane.centre)).powi(2);
         let by_points: f64 = points.iter().map(distance).sum();
         assert!((plane.cost - by_points).abs() < 1e-3 * by_points, "{} {by_points}", plane.cost);
     }

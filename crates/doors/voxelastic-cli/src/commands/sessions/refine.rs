@@ -155,7 +155,10 @@ fn log_figures(summary: &RefineSummary) {
     let line = |what: &str, f: &PlaneFigures| {
         let (near, planes) = (100.0 * f.near, f.planes);
         let (half, most) = (cm(f.thickness_m), cm(f.thickness_90_m));
-        tracing::info!("{what}: {planes} planes, half of them thinner than {half}, 90 % than {most}; {near:.0} % of held-out points near one, half within {}", cm(f.distance_m));
+        tracing::info!(
+            "{what}: {planes} planes, half of them thinner than {half}, 90 % than {most}; {near:.0} % of held-out points near one, half within {}",
+            cm(f.distance_m)
+        );
     };
     line("before", &summary.before);
     if summary.refined {

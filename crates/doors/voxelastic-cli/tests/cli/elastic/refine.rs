@@ -27,7 +27,10 @@ fn surfaces_correct_the_poses_of_a_map() {
 
     let found = json(at, "refine map.vox street -o refined.vox --threads 1 --json");
     assert_eq!(files(&at.join("map.vox")), whole, "with --output the map stays");
-    assert!(found["submaps_rebuilt"].as_u64() > Some(0) && found["scans"] == tried["scans"] && found["warnings"].as_array().unwrap().is_empty(), "{found}");
+    assert!(
+        found["submaps_rebuilt"].as_u64() > Some(0) && found["scans"] == tried["scans"] && found["warnings"].as_array().unwrap().is_empty(),
+        "{found}"
+    );
     for key in ["thickness_m", "distance_m", "score"] {
         assert!(found["after"][key].as_f64() < found["before"][key].as_f64(), "{key}: {found}");
     }
@@ -39,7 +42,8 @@ fn surfaces_correct_the_poses_of_a_map() {
     copy(&at.join("map.vox"), &at.join("same.vox"));
     works(at, "refine same.vox street --threads 2");
     let (same, other) = (files(&at.join("same.vox")), files(&at.join("refined.vox")));
-    let submaps = |files: &std::collections::BTreeMap<String, Vec<u8>>| files.values().filter(|bytes| bytes.len() > 10_000).cloned().collect::<Vec<_>>();
+    let submaps =
+        |files: &std::collections::BTreeMap<String, Vec<u8>>| files.values().filter(|bytes| bytes.len() > 10_000).cloned().collect::<Vec<_>>();
     assert_eq!(submaps(&same), submaps(&other));
 }
 
