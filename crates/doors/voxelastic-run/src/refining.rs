@@ -40,14 +40,17 @@ pub struct RefineSummary {
     pub scans: usize,
     /// Edge of the cells in which the points of a scan are summed, metres.
     pub cell_m: f32,
-    /// By how much scans moved: root mean square, and most, metres.
+    /// By how much scans moved, root mean square, metres.
     pub moved_rms_m: f64,
+    /// By how much a scan moved at most, metres.
     pub moved_most_m: f64,
-    /// How well scans lie on each other's planes before and after.
+    /// How well scans lay on each other's planes before.
     pub before: PlaneFigures,
+    /// How well they do with the poses that were kept.
     pub after: PlaneFigures,
-    /// Rounds that were tried, and kept.
+    /// Rounds that were tried.
     pub rounds: usize,
+    /// Rounds whose poses were kept.
     pub rounds_kept: usize,
 }
 
@@ -56,9 +59,9 @@ pub struct RefineSummary {
 pub struct PlaneFigures {
     /// Planes that several scans see.
     pub planes: usize,
-    /// Thickness of the planes (one standard deviation of the points across each, with the noise of the sensor), metres: half of them do not exceed the first, 90 % the second;
-    /// `null` without planes.
+    /// Thickness of the planes (one standard deviation of the points across each, with the noise of the sensor), metres, that half of them do not exceed; `null` without planes.
     pub thickness_m: Option<f64>,
+    /// That which 90 % of them do not exceed.
     pub thickness_90_m: Option<f64>,
     /// The share of the points that were held out that is near a plane of other scans.
     pub near: f64,

@@ -3,7 +3,7 @@
 //!
 //! A scan is kept as surfels. Surfels of all scans that lie in one cube and look to one side are one plane, where a robust fit says so; other cubes are halved.
 //! Of each plane, each scan knows ten sums, from which cost and derivatives follow for any pose. The cost is the sum of squares of the distances of all points
-//! to their planes; planes are unknowns, too, and are eliminated, which leaves one sparse system over all poses. Edges between scans hold what no plane does.
+//! to their planes; planes are unknowns, too, and are eliminated, which leaves one sparse system over all poses. Edges between scans count beside them, and each pose is held, weakly, where it was: what no plane decides stays.
 //! Round by round planes are found anew, and what is far from them no longer counts. One of ten surfels is held out and judges: poses that it does not find
 //! better are not kept.
 
@@ -22,11 +22,9 @@ pub use settings::RefineSettings;
 pub use surfels::ScanSurface;
 
 use crate::SlamError;
-use crate::graph::{Between, default_information, upper_triangle, usable_information};
+use crate::graph::{Between, usable_information};
 use equations::{Equations, Hold};
-use nalgebra::Matrix6;
 use settings::Round;
-use std::collections::HashSet;
 use voxelastic::Pose;
 use voxelastic::event::Edge;
 
@@ -61,18 +59,18 @@ pub struct Refined {
     pub rounds: Vec<RoundReport>,
 }
 
-/// Refines the poses of scans. `edges` are between scans, by their numbers; where scans that follow each other have none, their given poses are one. `cell` is the edge of the
+/// Refines the poses of scans. `edges` are what else is known of the way between scans, by their numbers. `cell` is the edge of the
 /// cells of the scans, metres.
 ///
 /// # Errors
 /// [`SlamError`]: edges that are none, or a system too large.
 pub fn refine(poses: &[Pose], scans: &[ScanSurface], edges: &[Edge], cell: f64, settings: &RefineSettings) -> Result<Refined, SlamError> {
-    let mut between = edges_between(poses, edges)?;
+    let mut between = edges_between(poses.len(), edges)?;
     let hold = Hold { poses, sigmas: settings.held };
     let judging = Round::new(settings, judge::GATE, cell);
     let before = judge::judge(scans, poses, &judging);
     let (mut best, mut after, mut rounds) = (poses.to_vec(), before, Vec::new());
-    for gate in &settings.gates {
+    for (k, gate) in settings.gates.iter().enumerate() {
         let planes = planes::shared(scans, &best, &Round::new(settings, *gate, cell));
         let mut trial = best.clone();
         Equations::new(scans.len(), &planes, &mut between, hold, settings.sigma)?.minimise(&mut trial, settings.steps);
@@ -81,35 +79,27 @@ pub fn refine(poses: &[Pose], scans: &[ScanSurface], edges: &[Edge], cell: f64, 
         rounds.push(RoundReport { gate_m: *gate, planes: planes.len(), judgement, is_kept });
         if is_kept {
             (best, after) = (trial, judgement);
+        } else if settings.gates.get(k + 1) == Some(gate) {
+            // The same again would end the same.
+            break;
         }
     }
     Ok(Refined { poses: best, before, after, rounds })
 }
 
 /// The edges as factors.
-fn edges_between(poses: &[Pose], edges: &[Edge]) -> Result<Vec<Between>, SlamError> {
-    let mut out = Vec::with_capacity(poses.len() + edges.len());
-    let mut has_next = HashSet::new();
+fn edges_between(scans: usize, edges: &[Edge]) -> Result<Vec<Between>, SlamError> {
+    let mut out = Vec::with_capacity(edges.len());
     for edge in edges {
-        if edge.from.max(edge.to) >= poses.len() as u64 {
+        if edge.from.max(edge.to) >= scans as u64 {
             return Err(SlamError::UnknownNode { node: edge.from.max(edge.to) });
         }
         if edge.from == edge.to {
             return Err(SlamError::SelfEdge { node: edge.from });
         }
         let is_odometry = edge.from.abs_diff(edge.to) == 1;
-        if is_odometry {
-            has_next.insert(edge.from.min(edge.to));
-        }
         let (information, _) = usable_information(edge)?;
         out.push(Between::new((edge.from as usize, edge.to as usize), edge.t_from_to, information, (!is_odometry).then_some(HUBER)));
-    }
-    for (k, pair) in poses.windows(2).enumerate().filter(|(k, _)| !has_next.contains(&(*k as u64))) {
-        let t_from_to = pair[0].inv_mul(&pair[1]);
-        let diagonal = default_information(t_from_to.translation.vector.norm());
-        let information = upper_triangle(&Matrix6::from_diagonal(&diagonal.into()));
-        let edge = Edge { from: k as u64, to: k as u64 + 1, t_from_to, information: Some(information) };
-        out.push(Between::new((k, k + 1), t_from_to, usable_information(&edge)?.0, None));
     }
     Ok(out)
 }
