@@ -25,7 +25,10 @@ pub(super) struct Equations<'a> {
     before: Vec<Vec<u32>>,
 }
 
-/// Poses are held, weakly, where they were: what surfaces do not decide, such as where the map is as a whole, stays.
+/// Standard deviation with which the first pose is held: it says where the map is, as in a pose graph.
+const FIRST: f64 = 1e-4;
+
+/// Poses are held, weakly, where they were: what surfaces do not decide stays.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Hold<'a> {
     pub(super) poses: &'a [Pose],
@@ -34,8 +37,13 @@ pub(super) struct Hold<'a> {
 }
 
 impl Hold<'_> {
-    fn information(&self) -> Vector6<f64> {
-        Vector6::from_fn(|i, _| self.sigmas[i / 3].powi(-2))
+    fn information(&self, scan: usize) -> Vector6<f64> {
+        Vector6::from_fn(|i, _| if scan == 0 { FIRST } else { self.sigmas[i / 3] }.powi(-2))
+    }
+
+    fn cost(&self, scan: usize, pose: &Pose) -> f64 {
+        let off = self.off(scan, pose);
+        0.5 * off.dot(&self.information(scan).component_mul(&off))
     }
 
     /// The way from where a pose is held to where it is.
@@ -86,9 +94,7 @@ impl<'a> Equations<'a> {
     pub(super) fn cost(&self, poses: &[Pose]) -> f64 {
         let costs: Vec<f64> = self.planes.par_iter().map(|plane| fit(&plane.clusters, poses).map_or(0.0, |plane| plane.cost)).collect();
         let edges: f64 = self.edges.iter().map(|e| e.evaluate(&poses[e.nodes.0], &poses[e.nodes.1]).cost).sum();
-        let information = self.hold.information();
-        let held: f64 =
-            poses.iter().enumerate().map(|(k, pose)| self.hold.off(k, pose)).map(|off| 0.5 * off.dot(&information.component_mul(&off))).sum();
+        let held: f64 = poses.iter().enumerate().map(|(k, pose)| self.hold.cost(k, pose)).sum();
         0.5 * self.per_point * costs.iter().sum::<f64>() + edges + held
     }
 
@@ -175,8 +181,8 @@ impl<'a> Equations<'a> {
                 self.system.add_diagonal(b, &linear.blocks[2]);
             }
         }
-        let information = self.hold.information();
         for (k, pose) in poses.iter().enumerate() {
+            let information = self.hold.information(k);
             gradient[k] += information.component_mul(&self.hold.off(k, pose));
             self.system.add_diagonal(k, &Matrix6::from_diagonal(&information));
         }

@@ -27,6 +27,7 @@ use equations::{Equations, Hold};
 use settings::Round;
 use voxelastic::Pose;
 use voxelastic::event::Edge;
+use voxelastic::geometry::PoseExt;
 
 /// Standard deviations up to which an edge that is no odometry counts fully.
 const HUBER: f64 = 3.5;
@@ -75,7 +76,8 @@ pub fn refine(poses: &[Pose], scans: &[ScanSurface], edges: &[Edge], cell: f64, 
         let mut trial = best.clone();
         Equations::new(scans.len(), &planes, &mut between, hold, settings.sigma)?.minimise(&mut trial, settings.steps);
         let judgement = judge::judge(scans, &trial, &judging);
-        let is_kept = judgement.is_better(&after, settings.least_gain);
+        let is_near = trial.iter().zip(poses).all(|(now, given)| now.translation_distance(given) < settings.most_moved);
+        let is_kept = is_near && judgement.is_better(&after, settings.least_gain);
         rounds.push(RoundReport { gate_m: *gate, planes: planes.len(), judgement, is_kept });
         if is_kept {
             (best, after) = (trial, judgement);

@@ -18,6 +18,8 @@ pub struct RefineSettings {
     pub roughness: f64,
     /// Each pose is held where it was with these standard deviations, radians and metres.
     pub held: [f64; 2],
+    /// Poses that are farther than this from where they were are not kept, metres: what led them there was not what they saw.
+    pub most_moved: f64,
     /// Steps of Gauss-Newton in a round.
     pub steps: usize,
     /// One of so many surfels is held out, to judge.
@@ -36,6 +38,7 @@ impl Default for RefineSettings {
             most_points: 5.0,
             roughness: 0.005,
             held: [0.01, 0.1],
+            most_moved: 1.0,
             steps: 3,
             hold_out: 10,
             least_gain: 0.001,

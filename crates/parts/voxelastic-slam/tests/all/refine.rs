@@ -22,9 +22,9 @@ fn path(scans: usize) -> Vec<Pose> {
 fn scan(pose: &Pose, seed: u64, range: impl Fn(&Vector3<f64>, &Vector3<f64>) -> f64) -> ScanSurface {
     let mut random = Numbers(seed);
     let mut points = Vec::new();
-    for row in 0..48 {
-        for column in 0..360 {
-            let (up, around) = ((f64::from(row) - 24.0) * 0.03, f64::from(column).to_radians());
+    for row in 0..96 {
+        for column in 0..720 {
+            let (up, around) = ((f64::from(row) - 48.0) * 0.015, (0.5 * f64::from(column)).to_radians());
             let direction = Vector3::new(up.cos() * around.cos(), up.cos() * around.sin(), up.sin());
             let noise = 0.01 * random.normal();
             let p = direction * (range(&pose.translation.vector, &(pose.rotation * direction)) + noise);
@@ -124,7 +124,7 @@ fn without_planes_nothing_changes() {
     // A thicket: every ray ends somewhere else.
     let path = path(8);
     let mut random = Numbers(1);
-    let ranges: Vec<f64> = (0..48 * 360).map(|_| 1.0 + 6.0 * random.next()).collect();
+    let ranges: Vec<f64> = (0..96 * 720).map(|_| 1.0 + 6.0 * random.next()).collect();
     let thicket = |pose: &Pose, k: usize| {
         let next = std::cell::Cell::new(k * 97);
         scan(pose, k as u64, |_, _| {
