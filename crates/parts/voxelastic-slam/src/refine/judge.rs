@@ -40,7 +40,7 @@ pub(super) fn judge(scans: &[ScanSurface], poses: &[Pose], round: &Round) -> Jud
         .sum();
     let mut held: Vec<(f64, f64)> = seen.iter().flat_map(|plane| &plane.held_out).map(|(_, distance, count)| (*distance, *count)).collect();
     held.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
-    let near: f64 = held.iter().map(|(_, count)| count).sum();
+    let near = held.iter().fold(0.0, |sum, (_, count)| sum + count);
     // A distance on a rough plane says little; such a loss hears most of what flat ones say.
     let loss = |distance: f64| 0.5 * (distance.min(round.gate) / round.roughness).powi(2).ln_1p();
     let sum: f64 = held.iter().map(|(distance, count)| count * loss(*distance)).sum();
