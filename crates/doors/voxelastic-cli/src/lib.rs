@@ -22,7 +22,7 @@ mod texturing;
 use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
 use commands::measuring::{demo, eval, heldout, simulate};
 use commands::poses::{localize, odometry, optimize};
-use commands::sessions::{changes, merge, remove, repair};
+use commands::sessions::{changes, merge, refine, remove, repair};
 use commands::space::{esdf, explore, plan, slice};
 use commands::{check, config as config_command, export, info, live, map, mesh, render, report, view};
 use std::ffi::OsString;
@@ -41,7 +41,7 @@ Examples:
 
 /// The commands by headings, those that most people need first.
 const GROUPS: [(&str, &[&str]); 5] = [
-    ("Commands", &["map", "live", "view", "mesh", "export", "render", "report", "check", "info", "plan", "localize", "config", "demo"]),
+    ("Commands", &["map", "live", "view", "mesh", "export", "render", "report", "check", "info", "plan", "refine", "localize", "config", "demo"]),
     ("Sessions and damaged maps", &["merge", "remove", "changes", "repair"]),
     ("Free space", &["slice", "esdf", "explore"]),
     ("Poses alone", &["odometry", "optimize"]),
@@ -95,6 +95,7 @@ enum Command {
     Explore(explore::ExploreArgs),
     Changes(changes::ChangesArgs),
     Merge(merge::MergeArgs),
+    Refine(refine::RefineArgs),
     Remove(remove::RemoveArgs),
     Repair(repair::RepairArgs),
     Heldout(heldout::HeldoutArgs),
@@ -173,6 +174,7 @@ impl Command {
             Self::Explore(args) => explore::run(args, quiet),
             Self::Changes(args) => changes::run(args),
             Self::Merge(args) => merge::run(args),
+            Self::Refine(args) => refine::run(args, quiet),
             Self::Remove(args) => remove::run(args),
             Self::Repair(args) => repair::run(args),
             Self::Heldout(args) => heldout::run(args, quiet),

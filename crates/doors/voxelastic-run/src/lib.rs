@@ -40,6 +40,7 @@ pub mod map_files;
 pub mod mapping;
 pub mod poses;
 pub mod precision;
+pub mod refining;
 mod run;
 pub mod source;
 pub mod surfaces;

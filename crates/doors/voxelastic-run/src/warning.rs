@@ -39,6 +39,8 @@ pub enum Code {
     NoLastCorrection,
     /// A submap could not be rebuilt.
     NotRebuilt,
+    /// Poses were not refined.
+    NotRefined,
     /// A checkpoint could not be written.
     NoCheckpoint,
     /// What an earlier process had mapped is another map.
@@ -75,6 +77,7 @@ impl Code {
             Self::UnknownNodes => "unknown-nodes",
             Self::NoLastCorrection => "no-last-correction",
             Self::NotRebuilt => "not-rebuilt",
+            Self::NotRefined => "not-refined",
             Self::NoCheckpoint => "no-checkpoint",
             Self::SetAside => "set-aside",
             Self::NotInMap => "not-in-map",

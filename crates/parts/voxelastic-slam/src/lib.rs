@@ -8,6 +8,7 @@
 //! | [`pose_check`] | whether given poses belong to the scans, and under which reading they would |
 //! | [`slam`] | raw scans in, the mapper's events out |
 //! | [`Corrector`] | loop closures and corrected poses, inserted into the events |
+//! | [`refine`] | poses corrected by the surfaces: bundle adjustment over planes |
 //! | [`graph`] | pose graphs: optimisation of a whole graph, and live in a stream of events |
 
 mod corrector;
@@ -21,6 +22,7 @@ pub mod loops;
 pub mod odometry;
 pub mod pose_check;
 mod raw_scan;
+pub mod refine;
 mod registration;
 pub mod slam;
 

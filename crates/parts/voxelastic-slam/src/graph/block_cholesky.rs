@@ -15,7 +15,7 @@ const N: usize = 6;
 
 /// Which blocks there are, in an order that keeps the factor sparse.
 #[derive(Debug)]
-pub(super) struct Structure {
+pub(crate) struct Structure {
     /// Place of each node in the order of elimination.
     place_of: Vec<usize>,
     /// The upper triangle, by columns of blocks: blocks above the diagonal, as places of rows in ascending order.
@@ -27,7 +27,7 @@ pub(super) struct Structure {
 }
 
 /// The numbers of a system of such a structure.
-pub(super) struct System {
+pub(crate) struct System {
     structure: Structure,
     values: Vec<f64>,
     factor: Vec<f64>,
@@ -42,7 +42,7 @@ impl fmt::Debug for System {
 
 /// Where a block between two nodes is.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct BlockPlace {
+pub(crate) struct BlockPlace {
     column: usize,
     rank: usize,
     /// Whether the block is stored with rows and columns exchanged.
@@ -52,7 +52,7 @@ pub(super) struct BlockPlace {
 impl Structure {
     /// The structure for `nodes` nodes with a block for each pair; pairs are of different nodes and may come more than once. `None` if memory or
     /// indices do not suffice.
-    pub(super) fn new(nodes: usize, pairs: impl Iterator<Item = (usize, usize)>) -> Option<Self> {
+    pub(crate) fn new(nodes: usize, pairs: impl Iterator<Item = (usize, usize)>) -> Option<Self> {
         let mut pairs: Vec<(usize, usize)> = pairs.map(|(a, b)| (a.max(b), a.min(b))).collect();
         pairs.sort_unstable();
         pairs.dedup();
@@ -80,7 +80,7 @@ impl Structure {
     }
 
     /// The place of the block with rows of `a` and columns of `b`; `None` if there is none.
-    pub(super) fn block(&self, a: usize, b: usize) -> Option<BlockPlace> {
+    pub(crate) fn block(&self, a: usize, b: usize) -> Option<BlockPlace> {
         let (row, column) = (self.place_of[a], self.place_of[b]);
         let is_transposed = row > column;
         let (row, column) = (row.min(column), row.max(column));
@@ -105,7 +105,7 @@ fn elimination_order(nodes: usize, pairs: &[(usize, usize)]) -> Option<Vec<usize
 
 impl System {
     /// A system of zeros.
-    pub(super) fn new(structure: Structure) -> Option<Self> {
+    pub(crate) fn new(structure: Structure) -> Option<Self> {
         let values = vec![0.0; structure.pattern.row_idx().len()];
         let factor = vec![0.0; structure.symbolic.len_val()];
         let numeric = structure.symbolic.factorize_numeric_llt_scratch::<f64>(Par::Seq, Spec::default());
@@ -114,17 +114,17 @@ impl System {
     }
 
     /// The structure.
-    pub(super) fn structure(&self) -> &Structure {
+    pub(crate) fn structure(&self) -> &Structure {
         &self.structure
     }
 
     /// Sets all blocks to zero.
-    pub(super) fn clear(&mut self) {
+    pub(crate) fn clear(&mut self) {
         self.values.fill(0.0);
     }
 
     /// Adds to the block on the diagonal of a node.
-    pub(super) fn add_diagonal(&mut self, node: usize, block: &Matrix6<f64>) {
+    pub(crate) fn add_diagonal(&mut self, node: usize, block: &Matrix6<f64>) {
         let place = self.structure.place_of[node];
         let rows_above = N * self.structure.above[place].len();
         let mut at = self.structure.first_value[place];
@@ -138,7 +138,7 @@ impl System {
     }
 
     /// Adds to a block beside the diagonal.
-    pub(super) fn add(&mut self, place: BlockPlace, block: &Matrix6<f64>) {
+    pub(crate) fn add(&mut self, place: BlockPlace, block: &Matrix6<f64>) {
         let rows_above = N * self.structure.above[place.column].len();
         let mut at = self.structure.first_value[place.column] + N * place.rank;
         for c in 0..N {
@@ -150,7 +150,7 @@ impl System {
     }
 
     /// Factors the matrix with its diagonal enlarged by the share `damping`. False if it is not positive definite.
-    pub(super) fn factorise(&mut self, damping: f64) -> bool {
+    pub(crate) fn factorise(&mut self, damping: f64) -> bool {
         let mut damped;
         let mut values = &self.values;
         if damping > 0.0 {
@@ -169,7 +169,7 @@ impl System {
     }
 
     /// Solves for the step of each node with the last factor.
-    pub(super) fn solve(&mut self, right: &[Vector6<f64>]) -> Vec<Vector6<f64>> {
+    pub(crate) fn solve(&mut self, right: &[Vector6<f64>]) -> Vec<Vector6<f64>> {
         let mut x = vec![0.0; right.len() * N];
         for (place, value) in self.structure.place_of.iter().zip(right) {
             x[place * N..(place + 1) * N].copy_from_slice(value.as_slice());

@@ -24,7 +24,7 @@ pub(crate) fn symmetric(upper: &[f64; 21]) -> Matrix6<f64> {
 
 /// The information of an edge as the solvers order it, rotation first, and whether it was used whole. Public graphs (`cubicle`) have edges whose
 /// information is not positive definite only for what couples translation and rotation; without it, it is.
-pub(super) fn usable_information(edge: &Edge) -> Result<(Matrix6<f64>, bool), SlamError> {
+pub(crate) fn usable_information(edge: &Edge) -> Result<(Matrix6<f64>, bool), SlamError> {
     let whole = rotation_first(edge);
     if whole.cholesky().is_some() {
         return Ok((whole, true));

@@ -7,7 +7,7 @@ use voxelastic::Pose;
 const SMALL: f64 = 1e-2;
 
 /// The motion of a vector.
-pub(super) fn exp(v: &Vector6<f64>) -> Pose {
+pub(crate) fn exp(v: &Vector6<f64>) -> Pose {
     let (w, t) = split(v);
     let (b, c) = coefficients(w.norm_squared());
     let rotation = UnitQuaternion::from_scaled_axis(w);
@@ -16,7 +16,7 @@ pub(super) fn exp(v: &Vector6<f64>) -> Pose {
 }
 
 /// The vector of a motion; its angle is at most half a turn.
-pub(super) fn log(pose: &Pose) -> Vector6<f64> {
+pub(crate) fn log(pose: &Pose) -> Vector6<f64> {
     let w = pose.rotation.scaled_axis();
     let t = pose.translation.vector;
     let angle2 = w.norm_squared();
@@ -43,7 +43,7 @@ fn coefficients(angle2: f64) -> (f64, f64) {
 }
 
 /// Products of many rotations drift off unit length.
-pub(super) fn renormalised(mut pose: Pose) -> Pose {
+pub(crate) fn renormalised(mut pose: Pose) -> Pose {
     pose.rotation.renormalize();
     pose
 }

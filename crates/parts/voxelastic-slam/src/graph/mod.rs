@@ -25,8 +25,11 @@ mod live;
 mod solve;
 mod vertical;
 
+pub(crate) use between::Between;
+pub(crate) use block_cholesky::{Structure, System};
 pub use incremental::Correction;
 pub use information::default_information;
-pub(crate) use information::{symmetric, upper_triangle};
+pub(crate) use information::{symmetric, upper_triangle, usable_information};
+pub(crate) use lie::{exp, log, renormalised};
 pub use live::LiveOptimiser;
 pub use solve::{Options, Problem, Solved, optimise};

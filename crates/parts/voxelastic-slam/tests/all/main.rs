@@ -7,5 +7,6 @@ mod graphs;
 mod loops;
 mod lost;
 mod odometry;
+mod refine;
 mod storeys;
 mod wrong_closures;

@@ -2,5 +2,6 @@
 
 pub mod changes;
 pub mod merge;
+pub mod refine;
 pub mod remove;
 pub mod repair;

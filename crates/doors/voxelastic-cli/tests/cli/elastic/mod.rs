@@ -2,5 +2,6 @@
 
 pub(super) mod changes;
 pub(super) mod corrections;
+pub(super) mod refine;
 pub(super) mod sessions;
 pub(super) mod slam;
