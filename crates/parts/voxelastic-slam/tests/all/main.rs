@@ -7,5 +7,6 @@ mod graphs;
 mod loops;
 mod lost;
 mod odometry;
+mod positions;
 mod storeys;
 mod wrong_closures;

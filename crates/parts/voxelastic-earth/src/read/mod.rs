@@ -1,0 +1,31 @@
+//! Reading fixes from text: logs of receivers (NMEA), solutions of RTKLIB (`.pos`), and tables of times or names with coordinates.
+
+mod nmea_log;
+mod pos;
+mod table;
+
+use crate::{EarthError, Fixes};
+
+/// GPS time is ahead of UTC by this since 2017, seconds.
+pub const LEAP_SECONDS: f64 = 18.0;
+
+/// Reads fixes, or control points, from the text of a file; its form is recognised.
+///
+/// ```
+/// let text = "time,latitude,longitude,height,sigma\n10.0,48.1,11.5,520.0,0.02\n11.0,48.10001,11.5,520.0,0.02\n";
+/// let fixes = voxelastic_earth::read_text(text).unwrap();
+/// assert_eq!((fixes.all.len(), fixes.all[1].time), (2, Some(11.0)));
+/// ```
+///
+/// # Errors
+/// A form that is not known, and the line of a number that is missing or none.
+pub fn read_text(text: &str) -> Result<Fixes, EarthError> {
+    let first = text.lines().map(str::trim).find(|line| !line.is_empty()).unwrap_or_default();
+    if first.starts_with(['$', '!']) || text.lines().take(50).filter(|line| line.contains("$G")).count() > 2 {
+        nmea_log::read(text)
+    } else if first.starts_with('%') || text.lines().take(40).any(|line| line.starts_with('%') && line.contains("latitude(deg)")) {
+        pos::read(text)
+    } else {
+        table::read(text)
+    }
+}
