@@ -29,7 +29,7 @@ fn write(content: &Content, path: &Path, voxel: Option<f64>, options: &MeshOptio
             octomap::write(path, &occupancy).map(drop)
         }
         Format::Cloud(cloud::Format::E57) => write_stations(content, path, options),
-        Format::Cloud(format) => Ok(cloud::write(path, format, &surface(content, options)?, content.origin)?),
+        Format::Cloud(format) => Ok(cloud::write(path, format, &surface(content, options)?, content.origin, None)?),
         Format::Tiles => write_tiles(content, path, options),
     }
 }

@@ -42,5 +42,5 @@ pub use fix::{Finding, Fix, Fixes, Heights, Place, covariance_of};
 pub use geodetic::{Geodetic, LocalPlane};
 pub use georeference::{Georeference, Projector};
 pub use offset::{TimeOffset, time_offset};
-pub use read::{LEAP_SECONDS, read_text};
+pub use read::{LEAP_SECONDS, read_sentences, read_text};
 pub use track::{Moment, Track};

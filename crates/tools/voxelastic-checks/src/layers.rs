@@ -22,7 +22,10 @@ pub const CRATES: &[Layer] = &[
     ("voxelastic-esdf", &["voxelastic"]),
     ("voxelastic-explore", &["voxelastic", "voxelastic-plan"]),
     ("voxelastic-report", &["voxelastic-eval"]),
-    ("voxelastic-run", &["voxelastic", "voxelastic-files", "voxelastic-io", "voxelastic-eval", "voxelastic-slam", "voxelastic-report"]),
+    (
+        "voxelastic-run",
+        &["voxelastic", "voxelastic-files", "voxelastic-earth", "voxelastic-io", "voxelastic-eval", "voxelastic-slam", "voxelastic-report"],
+    ),
     (
         "voxelastic-live",
         &[
@@ -44,6 +47,7 @@ pub const CRATES: &[Layer] = &[
             "voxelastic",
             "voxelastic-files",
             "voxelastic-colour",
+            "voxelastic-earth",
             "voxelastic-io",
             "voxelastic-eval",
             "voxelastic-sim",

@@ -4,6 +4,8 @@ mod nmea_log;
 mod pos;
 mod table;
 
+pub use nmea_log::read_sentences;
+
 use crate::{EarthError, Fixes};
 
 /// GPS time is ahead of UTC by this since 2017, seconds.
@@ -22,7 +24,7 @@ pub const LEAP_SECONDS: f64 = 18.0;
 pub fn read_text(text: &str) -> Result<Fixes, EarthError> {
     let first = text.lines().map(str::trim).find(|line| !line.is_empty()).unwrap_or_default();
     if first.starts_with(['$', '!']) || text.lines().take(50).filter(|line| line.contains("$G")).count() > 2 {
-        nmea_log::read(text)
+        Ok(nmea_log::read(text))
     } else if first.starts_with('%') || text.lines().take(40).any(|line| line.starts_with('%') && line.contains("latitude(deg)")) {
         pos::read(text)
     } else {

@@ -1,7 +1,7 @@
 //! Logs of NMEA 0183 (IEC 61162-1): positions are GGA, dates RMC or ZDA, standard deviations GST. The crate `nmea` asks for versions of others that Zenoh excludes.
 
 use crate::fix::covariance_of;
-use crate::{EarthError, Fix, Fixes, Geodetic, Heights, Place};
+use crate::{Fix, Fixes, Geodetic, Heights, Place};
 use chrono::NaiveDate;
 
 /// Standard deviations of a fix without GST, metres: along the ground, and up. By the quality that GGA has: 2 differential, 3 precise, 4 and 5 RTK, fixed and float.
@@ -71,22 +71,30 @@ impl<'a> Sentence<'a> {
     }
 }
 
-pub(super) fn read(text: &str) -> Result<Fixes, EarthError> {
+pub(super) fn read(text: &str) -> Fixes {
+    read_sentences(text.lines().map(|line| (None, line)))
+}
+
+/// The fixes of sentences; a sentence that came at a known time, by another clock, has that.
+pub fn read_sentences<'a>(sentences: impl Iterator<Item = (Option<f64>, &'a str)>) -> Fixes {
     let mut log = Log::default();
-    for line in text.lines() {
+    for (came, line) in sentences {
+        log.came = came;
         let Some(start) = line.find('$') else { continue };
         match Sentence::parse(&line[start + 1..]) {
             Some(sentence) => log.take(&sentence),
             None => log.damaged += usize::from(line.contains("GGA")),
         }
     }
-    Ok(log.finish())
+    log.finish()
 }
 
 /// What a log has said so far.
 #[derive(Default)]
 struct Log {
     out: Fixes,
+    /// When the sentence came, by another clock.
+    came: Option<f64>,
     date: Option<NaiveDate>,
     last_time: Option<f64>,
     /// The day of each fix, if it was known by then.
@@ -125,10 +133,10 @@ impl Log {
             self.date = self.date.and_then(|date| date.succ_opt());
         }
         self.last_time = Some(time);
-        self.days.push(self.date.map(day_start));
+        self.days.push(if self.came.is_some() { Some(0.0) } else { self.date.map(day_start) });
         let place = Place::Geodetic(Geodetic { latitude, longitude, height: above_sea + separation.unwrap_or(0.0) });
         let covariance = covariance_of(usual_sigmas(quality, gga.number(7)));
-        self.out.all.push(Fix { time: Some(time), place, covariance, name: None, seen_at: None });
+        self.out.all.push(Fix { time: self.came.or(Some(time)), place, covariance, name: None, seen_at: None });
         Some(())
     }
 

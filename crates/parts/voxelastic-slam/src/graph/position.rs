@@ -6,7 +6,7 @@ use crate::SlamError;
 use factrs::containers::{DefaultSymbolHandler, Factor, FactorBuilder, Key};
 use factrs::linalg::{Const, ForwardProp, Matrix3 as SolverMatrix3, Matrix6 as SolverMatrix6, Numeric, Vector3 as SolverVector3, VectorX};
 use factrs::noise::GaussianNoise;
-use factrs::optimizers::{BaseOptParams, LevenMarquardt, LevenParams};
+use factrs::optimizers::{BaseOptParams, LevenMarquardt, LevenParams, Optimizer};
 use factrs::residuals::{PriorResidual, Residual2};
 use factrs::robust::Huber;
 use factrs::traits::Variable;

@@ -4,3 +4,4 @@ pub(super) mod join;
 pub(super) mod newest;
 pub(super) mod session_writer;
 pub(super) mod sessions;
+mod moved;
