@@ -35,8 +35,12 @@ impl Crs {
         }
         let word = |key: &str| definition.proj4.split_whitespace().find_map(|word| word.strip_prefix(key));
         if word("+units=").is_some_and(|unit| unit != "m") || word("+to_meter=").is_some() {
-            let unit = word("+units=").map_or_else(|| "an own unit".to_owned(), |unit| if unit == "us-ft" { "US survey feet".into() } else { unit.into() });
-            return refuse(format!("counts in {unit}, not in metres"), "name the system in metres of the same place, and convert what is exported with PDAL");
+            let unit =
+                word("+units=").map_or_else(|| "an own unit".to_owned(), |unit| if unit == "us-ft" { "US survey feet".into() } else { unit.into() });
+            return refuse(
+                format!("counts in {unit}, not in metres"),
+                "name the system in metres of the same place, and convert what is exported with PDAL",
+            );
         }
         if word("+nadgrids=").is_some_and(|grids| grids != "@null") {
             return refuse("has a datum that needs a grid, of which none is built in".into(), "name a system on WGS 84, ETRS89 or NAD83");
@@ -83,7 +87,8 @@ impl Crs {
 
     /// If it is a UTM zone and the place is in another: the number of that.
     pub fn other_zone(&self, place: &Geodetic) -> Option<u16> {
-        let own: u16 = self.name().split("UTM zone ").nth(1)?.trim_end_matches(['N', 'S']).split(' ').next()?.trim_end_matches(['N', 'S']).parse().ok()?;
+        let own: u16 =
+            self.name().split("UTM zone ").nth(1)?.trim_end_matches(['N', 'S']).split(' ').next()?.trim_end_matches(['N', 'S']).parse().ok()?;
         Some(zone(place.longitude)).filter(|zone| *zone != own)
     }
 
@@ -157,7 +162,9 @@ mod tests {
 
     #[test]
     fn systems_that_cannot_be_used_say_why() {
-        for (code, words) in [("EPSG:1", "not among"), ("4326", "no projection"), ("EPSG:2263", "feet"), ("EPSG:5555", "geoid"), ("x", "no EPSG code")] {
+        for (code, words) in
+            [("EPSG:1", "not among"), ("4326", "no projection"), ("EPSG:2263", "feet"), ("EPSG:5555", "geoid"), ("x", "no EPSG code")]
+        {
             let error = code.parse::<Crs>().unwrap_err();
             assert!(error.to_string().contains(words) && !error.remedy().is_empty(), "{code}: {error}");
         }

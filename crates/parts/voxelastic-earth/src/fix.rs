@@ -143,7 +143,8 @@ impl Fixes {
         }
         if let Some(middle) = self.middle() {
             let far = |fix: &Fix| (metres(&fix.place) - middle).amax() > FARTHEST_M;
-            let (text, remedy) = ("they are more than 200 km from the others", "check the sign of latitude and longitude: south and west are negative");
+            let (text, remedy) =
+                ("they are more than 200 km from the others", "check the sign of latitude and longitude: south and west are negative");
             let before = self.all.len();
             self.all.retain(|fix| !far(fix));
             let count = before - self.all.len();

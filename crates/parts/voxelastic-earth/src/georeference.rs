@@ -128,12 +128,22 @@ mod tests {
     fn a_place_comes_back_to_the_last_bit_and_points_go_where_proj_has_them() {
         let rotation = UnitQuaternion::from_euler_angles(0.01, -0.02, 2.0);
         let anchor = Geodetic { latitude: 48.137_154, longitude: 11.576_124, height: 519.3 };
-        let there = Georeference { anchor: Some(anchor), t_plane_map: Pose::from_parts(Translation3::new(0.1, 0.2, 0.3), rotation), crs: Some(25832), heights: Heights::Ellipsoid };
+        let there = Georeference {
+            anchor: Some(anchor),
+            t_plane_map: Pose::from_parts(Translation3::new(0.1, 0.2, 0.3), rotation),
+            crs: Some(25832),
+            heights: Heights::Ellipsoid,
+        };
         assert_eq!(there.to_string().parse(), Ok(there));
         let nowhere = Georeference { anchor: None, crs: None, heights: Heights::Unknown, ..there };
         assert_eq!(nowhere.to_string().parse(), Ok(nowhere));
         assert!(nowhere.to_earth([0.0; 3]).is_none() && Georeference { anchor: None, ..there }.projector().is_err());
-        for wrong in ["", "t_plane_map=1,2,3 heights=unknown", "anchor=1,2 t_plane_map=0,0,0,0,0,0,1 heights=unknown", "t_plane_map=0,0,0,0,0,0,2 heights=unknown"] {
+        for wrong in [
+            "",
+            "t_plane_map=1,2,3 heights=unknown",
+            "anchor=1,2 t_plane_map=0,0,0,0,0,0,1 heights=unknown",
+            "t_plane_map=0,0,0,0,0,0,2 heights=unknown",
+        ] {
             assert!(wrong.parse::<Georeference>().is_err(), "{wrong}");
         }
         // The map's origin is the anchor: pyproj has it there in UTM 32.

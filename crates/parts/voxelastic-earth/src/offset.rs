@@ -30,7 +30,8 @@ pub fn time_offset(track: &Track, fixes: &[(f64, Vector3<f64>)], lever: &Vector3
     let before = median(0.0);
     let coarse = steps(-REACH, REACH, 0.5).map(|s| (median(s), s));
     let (_, start) = coarse.min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.abs().total_cmp(&b.1.abs())))?;
-    let fine = steps(start - 0.5, start + 0.5, 0.05).map(|s| (median(s), s)).min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.abs().total_cmp(&b.1.abs())))?;
+    let fine =
+        steps(start - 0.5, start + 0.5, 0.05).map(|s| (median(s), s)).min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.abs().total_cmp(&b.1.abs())))?;
     let (after_m, seconds) = fine;
     let is_any = after_m.is_finite() && seconds.abs() > 0.04 && (!before.is_finite() || after_m < GAIN * before);
     is_any.then_some(TimeOffset { seconds, before_m: before, after_m })

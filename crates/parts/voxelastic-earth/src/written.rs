@@ -44,7 +44,10 @@ pub fn trajectory(form: Form, name: &str, places: &[(f64, Geodetic)]) -> String 
 const YEAR_2000: f64 = 946_684_800.0;
 
 fn gpx(out: &mut String, name: &str, places: &[(f64, Geodetic)]) -> std::fmt::Result {
-    writeln!(out, "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<gpx version=\"1.1\" creator=\"Voxelastic\" xmlns=\"http://www.topografix.com/GPX/1/1\">")?;
+    writeln!(
+        out,
+        "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<gpx version=\"1.1\" creator=\"Voxelastic\" xmlns=\"http://www.topografix.com/GPX/1/1\">"
+    )?;
     writeln!(out, "<trk><name>{name}</name><trkseg>")?;
     for (time, place) in places {
         write!(out, "<trkpt lat=\"{:.9}\" lon=\"{:.9}\"><ele>{:.3}</ele>", place.latitude, place.longitude, place.height)?;
@@ -61,7 +64,10 @@ fn geojson(out: &mut String, name: &str, places: &[(f64, Geodetic)]) -> std::fmt
     let list = |of: &dyn Fn(&(f64, Geodetic)) -> String| places.iter().map(of).collect::<Vec<_>>().join(",\n");
     let points = list(&|(_, p)| format!("[{:.9},{:.9},{:.3}]", p.longitude, p.latitude, p.height));
     let times = list(&|(time, _)| format!("{time:.6}"));
-    writeln!(out, "{{\"type\":\"FeatureCollection\",\"features\":[{{\"type\":\"Feature\",\"properties\":{{\"name\":\"{name}\",\"times\":[{times}]}},")?;
+    writeln!(
+        out,
+        "{{\"type\":\"FeatureCollection\",\"features\":[{{\"type\":\"Feature\",\"properties\":{{\"name\":\"{name}\",\"times\":[{times}]}},"
+    )?;
     writeln!(out, "\"geometry\":{{\"type\":\"LineString\",\"coordinates\":[{points}]}}}}]}}")
 }
 
@@ -82,7 +88,10 @@ mod tests {
     fn each_form_has_longitude_and_latitude_where_it_wants_them() {
         let places = [(1_795_942_800.25, Geodetic { latitude: 48.5, longitude: -11.25, height: 519.3 })];
         let gpx = trajectory(Form::Gpx, "a<b", &places);
-        assert!(gpx.contains("lat=\"48.500000000\" lon=\"-11.250000000\"><ele>519.300</ele><time>2026-11-29T09:00:00.250Z</time>") && gpx.contains("<name>ab</name>"));
+        assert!(
+            gpx.contains("lat=\"48.500000000\" lon=\"-11.250000000\"><ele>519.300</ele><time>2026-11-29T09:00:00.250Z</time>")
+                && gpx.contains("<name>ab</name>")
+        );
         assert!(trajectory(Form::GeoJson, "x", &places).contains("[-11.250000000,48.500000000,519.300]"));
         assert!(trajectory(Form::Kml, "x", &places).contains("-11.250000000,48.500000000,519.300"));
         assert!(!trajectory(Form::Gpx, "x", &[(12.0, places[0].1)]).contains("<time>"));

@@ -64,6 +64,7 @@ pub const CRATES: &[Layer] = &[
         "voxelastic-python",
         &[
             "voxelastic",
+            "voxelastic-earth",
             "voxelastic-io",
             "voxelastic-eval",
             "voxelastic-sim",

@@ -42,7 +42,8 @@ pub fn check(file: &str, pairs: &[Pair], found: &Alignment, has_degrees: bool, w
             return Err(Error::new(message, remedy));
         }
         if (scale - 1.0).abs() > SCALE.1 {
-            let text = format!("distances between fixes are {scale:.3} times those in the map: it drifts in scale, or one of the two is not in metres");
+            let text =
+                format!("distances between fixes are {scale:.3} times those in the map: it drifts in scale, or one of the two is not in metres");
             warnings.add(Code::FixesDisagree, text, "");
         }
     }

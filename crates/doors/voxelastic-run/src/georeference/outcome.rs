@@ -116,11 +116,19 @@ pub(super) fn of(
         let residual_m = p.measured - (place.t_plane_map * Point3::from(mapped)).coords;
         let fits = || p.covariance.try_inverse().is_some_and(|w| rigid_m.dot(&(w * rigid_m)).sqrt() <= wrong);
         let is_used = if p.is_check { true } else { kept.next().unwrap_or_else(fits) };
-        let r#use = if p.is_check { Use::Check } else if is_used { Use::Used } else { Use::Refused };
+        let r#use = if p.is_check {
+            Use::Check
+        } else if is_used {
+            Use::Used
+        } else {
+            Use::Refused
+        };
         Row { name: p.fix.name.clone(), time_s: p.fix.time, node: p.node, r#use, rigid_m: rigid_m.into(), residual_m: residual_m.into() }
     };
     let rows: Vec<Row> = placed.iter().map(row).collect();
-    let of = |residual: fn(&Row) -> [f64; 3]| [Use::Used, Use::Check].map(|r#use| Statistics::of(rows.iter().filter(|row| row.r#use == r#use).map(residual)));
+    let of = |residual: fn(&Row) -> [f64; 3]| {
+        [Use::Used, Use::Check].map(|r#use| Statistics::of(rows.iter().filter(|row| row.r#use == r#use).map(residual)))
+    };
     let sigmas = std::array::from_fn(|k| if k < 3 { rigid.sigmas[k].to_degrees() } else { rigid.sigmas[k] });
     let bent_m = bent.map_or(0.0, |bent| largest_bend(&nodes.poses, &bent.solved.poses));
     let spread = bent.map_or(rigid.spread, |bent| bent.spread);

@@ -51,7 +51,8 @@ pub(super) fn place(nodes: &Nodes, fixes: Fixes, frame: &Frame, request: &Reques
         };
         all.push((fix, measured, covariance));
     }
-    let times: Vec<(f64, Vector3<f64>)> = all.iter().filter(|(fix, ..)| fix.seen_at.is_none()).filter_map(|(fix, measured, _)| Some((fix.time?, *measured))).collect();
+    let times: Vec<(f64, Vector3<f64>)> =
+        all.iter().filter(|(fix, ..)| fix.seen_at.is_none()).filter_map(|(fix, measured, _)| Some((fix.time?, *measured))).collect();
     if track.times().is_empty() && !times.is_empty() {
         let message = "the map does not know when its scans were taken: the log of its run is not with it";
         return Err(Error::new(message, "map the data again, or give control points with the columns map_x, map_y and map_z"));
@@ -68,7 +69,9 @@ pub(super) fn place(nodes: &Nodes, fixes: Fixes, frame: &Frame, request: &Reques
     for (k, (fix, measured, covariance)) in all.into_iter().enumerate() {
         let is_check = request.check_every.is_some_and(|n| k % n == n - 1);
         let seen = match (fix.seen_at, fix.time) {
-            (Some(point), _) => nearest(&nodes.poses, &point).map(|(node, pose)| (node, pose.inverse() * Point3::from(point), point, Matrix3::zeros())),
+            (Some(point), _) => {
+                nearest(&nodes.poses, &point).map(|(node, pose)| (node, pose.inverse() * Point3::from(point), point, Matrix3::zeros()))
+            }
             (None, Some(time)) => track.at(time + offset).and_then(|moment| {
                 let node = *node_at.get(&track.times()[moment.nearest].to_bits())?;
                 let lever = Point3::from(request.lever);

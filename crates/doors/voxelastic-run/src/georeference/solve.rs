@@ -21,7 +21,6 @@ const PLAIN: (f64, f64) = (0.3, 60.0);
 /// Fewer fixes than this do not tell a right one from a wrong one.
 const FEWEST: usize = 3;
 
-
 /// Finds where a map lies, and stores that with it. The map on disk changes at the end, at once.
 ///
 /// # Errors

@@ -46,7 +46,9 @@ mod tests {
         let fixes = crate::read_text(text).unwrap();
         assert_eq!(fixes.all[0].time, Some(1_795_942_800.0));
         let covariance = fixes.all[0].covariance.unwrap();
-        assert!((covariance[(0, 0)] - 4e-4).abs() < 1e-12 && (covariance[(0, 2)] + 3.6e-5).abs() < 1e-12 && (covariance[(0, 1)] - 2.5e-5).abs() < 1e-12);
+        assert!(
+            (covariance[(0, 0)] - 4e-4).abs() < 1e-12 && (covariance[(0, 2)] + 3.6e-5).abs() < 1e-12 && (covariance[(0, 1)] - 2.5e-5).abs() < 1e-12
+        );
         assert!(fixes.notes[0].contains("18 s"));
         let wrong = crate::read_text(&text.replace("48.137154000", "x")).unwrap_err();
         assert!(wrong.to_string().contains("line 3"), "{wrong}");

@@ -50,7 +50,13 @@ pub(super) fn read(text: &str) -> Result<Fixes, EarthError> {
 }
 
 fn words(line: &str) -> impl Iterator<Item = &str> {
-    let separators: &[char] = if line.contains(';') { &[';'] } else if line.contains(',') { &[','] } else { &[' ', '\t'] };
+    let separators: &[char] = if line.contains(';') {
+        &[';']
+    } else if line.contains(',') {
+        &[',']
+    } else {
+        &[' ', '\t']
+    };
     let keeps_empty = separators.len() == 1;
     line.split(separators).map(str::trim).filter(move |word| keeps_empty || !word.is_empty())
 }

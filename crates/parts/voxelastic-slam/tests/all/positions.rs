@@ -42,7 +42,9 @@ fn positions(truth: &[Pose], t_plane_map: &Pose, outliers: bool) -> Vec<Measured
 }
 
 fn rms(found: &[(NodeId, Pose)], t_plane_map: &Pose, truth: &[Pose], true_plane: &Pose) -> f64 {
-    let square = |(i, (_, pose)): (usize, &(NodeId, Pose))| ((t_plane_map * pose).translation.vector - (true_plane * truth[i]).translation.vector).norm_squared();
+    let square = |(i, (_, pose)): (usize, &(NodeId, Pose))| {
+        ((t_plane_map * pose).translation.vector - (true_plane * truth[i]).translation.vector).norm_squared()
+    };
     (found.iter().enumerate().map(square).sum::<f64>() / found.len() as f64).sqrt()
 }
 

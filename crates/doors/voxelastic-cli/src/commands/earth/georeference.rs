@@ -235,7 +235,8 @@ fn write_trajectory(map: &Path, path: &Path) -> anyhow::Result<()> {
     let places = georeference::trajectory(&store)?.filter(|places| !places.is_empty()).ok_or_else(|| nowhere(map))?;
     let name = map.file_stem().unwrap_or_default().to_string_lossy();
     let text = written::trajectory(form, &name, &places);
-    voxelastic_files::write(path, |file| std::io::Write::write_all(file, text.as_bytes())).map_err(|e| Failure::new(format!("{}: {e}", path.display()), ""))?;
+    voxelastic_files::write(path, |file| std::io::Write::write_all(file, text.as_bytes()))
+        .map_err(|e| Failure::new(format!("{}: {e}", path.display()), ""))?;
     tracing::info!("wrote {}", path.display());
     Ok(())
 }

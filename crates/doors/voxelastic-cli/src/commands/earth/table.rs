@@ -16,7 +16,11 @@ pub fn place(place: &Georeference) -> String {
     };
     let (t, (roll, pitch, yaw)) = (place.t_plane_map.translation.vector, place.t_plane_map.rotation.euler_angles());
     let degrees = [roll, pitch, yaw].map(f64::to_degrees);
-    let _ = writeln!(out, "map in it: east {:.3} north {:.3} up {:.3} m, roll {:.3} pitch {:.3} yaw {:.3} degrees", t.x, t.y, t.z, degrees[0], degrees[1], degrees[2]);
+    let _ = writeln!(
+        out,
+        "map in it: east {:.3} north {:.3} up {:.3} m, roll {:.3} pitch {:.3} yaw {:.3} degrees",
+        t.x, t.y, t.z, degrees[0], degrees[1], degrees[2]
+    );
     let system = place.crs.map_or_else(|| "east, north and up of the plane".to_owned(), |code| format!("EPSG:{code}"));
     let _ = writeln!(out, "clouds are written in {system}");
     out
@@ -25,7 +29,11 @@ pub fn place(place: &Georeference) -> String {
 /// Residuals in a table: all control points, or what was refused and the worst of the others.
 pub fn residuals(outcome: &Outcome) -> String {
     let mut out = String::new();
-    let _ = writeln!(out, "{:<18} {:>8} {:<8} {:>9} {:>9} {:>9} {:>9}   metres: measured less mapped", "fix", "node", "use", "east", "north", "up", "rigid");
+    let _ = writeln!(
+        out,
+        "{:<18} {:>8} {:<8} {:>9} {:>9} {:>9} {:>9}   metres: measured less mapped",
+        "fix", "node", "use", "east", "north", "up", "rigid"
+    );
     for row in listed(&outcome.rows) {
         let name = row.name.clone().or_else(|| row.time_s.map(|t| format!("{t:.2} s"))).unwrap_or_default();
         let what = match row.r#use {
@@ -38,13 +46,23 @@ pub fn residuals(outcome: &Outcome) -> String {
     }
     let count = |what: Use| outcome.rows.iter().filter(|row| row.r#use == what).count();
     let elsewhere = outcome.elsewhere;
-    let _ = writeln!(out, "{} used, {} refused, {} held out, {elsewhere} of places that the map does not have", count(Use::Used), count(Use::Refused), count(Use::Check));
+    let _ = writeln!(
+        out,
+        "{} used, {} refused, {} held out, {elsewhere} of places that the map does not have",
+        count(Use::Used),
+        count(Use::Refused),
+        count(Use::Check)
+    );
     for (what, [used, check]) in [("rigid", outcome.rigid), ("now", outcome.now)] {
         statistics(&mut out, &format!("{what}, used"), &used);
         statistics(&mut out, &format!("{what}, held out"), &check);
     }
     let [_, _, yaw, east, north, up] = outcome.sigmas;
-    let _ = writeln!(out, "rigid alignment to {yaw:.4} degrees of heading, {east:.3} {north:.3} {up:.3} m (1 sigma); the map was bent by up to {:.2} m", outcome.bent_m);
+    let _ = writeln!(
+        out,
+        "rigid alignment to {yaw:.4} degrees of heading, {east:.3} {north:.3} {up:.3} m (1 sigma); the map was bent by up to {:.2} m",
+        outcome.bent_m
+    );
     if outcome.spread > 1.5 {
         let _ = writeln!(out, "residuals are {:.1} times what the standard deviations of the fixes say", outcome.spread);
     }

@@ -17,7 +17,8 @@ const KINDS: [&str; 3] = ["sensor_msgs/NavSatFix", "gps_common/GPSFix", "nmea_ms
 /// Positions in a projected system, if the topic is named.
 const ODOMETRY: &str = "nav_msgs/Odometry";
 
-const REMEDY: &str = "fixes are sensor_msgs/NavSatFix, gps_common/GPSFix or nmea_msgs/Sentence; nav_msgs/Odometry in a projected system is read if its topic is named";
+const REMEDY: &str =
+    "fixes are sensor_msgs/NavSatFix, gps_common/GPSFix or nmea_msgs/Sentence; nav_msgs/Odometry in a projected system is read if its topic is named";
 
 /// The fixes of a recording.
 ///

@@ -80,7 +80,12 @@ impl MapDetails {
             return None;
         }
         let mut settings = Settings::default();
-        let refused = self.settings.iter().filter(|(key, _)| *key != ORIGIN && *key != EARTH).filter_map(|(key, value)| settings.set(key, value).err()).collect();
+        let refused = self
+            .settings
+            .iter()
+            .filter(|(key, _)| *key != ORIGIN && *key != EARTH)
+            .filter_map(|(key, value)| settings.set(key, value).err())
+            .collect();
         Some(StoredSettings { settings, refused })
     }
 }

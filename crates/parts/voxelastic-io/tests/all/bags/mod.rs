@@ -1,6 +1,7 @@
 //! Recordings written by other people's software (`write.py`: rosbags, mcap). The fixtures are some of what it wrote; the rest is written
 //! anew where Python has the packages (`VOXELASTIC_PYTHON`, default `python3`).
 
+mod fixes;
 mod drive;
 mod harm;
 mod images;
