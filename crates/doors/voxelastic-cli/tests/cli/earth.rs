@@ -66,8 +66,8 @@ fn a_map_goes_to_its_place_and_laspy_finds_it_there_in_the_right_system() {
     let line: serde_json::Value = serde_json::from_str(&fs::read_to_string(dir.join("a.geojson")).unwrap()).unwrap();
     assert_eq!(line["features"][0]["geometry"]["coordinates"].as_array().unwrap().len(), 30);
 
-    let files: Vec<String> = ["a.las", "a.laz", "a.copc.laz"].iter().map(|file| dir.join(file).display().to_string()).collect();
-    let files: Vec<&str> = files.iter().map(String::as_str).collect();
+    let files = ["a.las", "a.laz", "a.copc.laz"].map(|file| dir.join(file));
+    let files: Vec<&Path> = files.iter().map(std::path::PathBuf::as_path).collect();
     let Some(read) = voxelastic_testing::run_python("laspy, lazrs, pyproj", LASPY, &files) else { return };
     let read: serde_json::Value = serde_json::from_str(&read).unwrap();
     // The corners of the room, by the slow way.

@@ -1,5 +1,6 @@
 //! Fixes that are not what they seem: of another unit, with latitude and longitude swapped, mirrored, of another clock.
 
+use super::request::Clock;
 use crate::error::{Error, Result};
 use crate::warning::{Code, Warnings};
 use nalgebra::{Matrix3, Vector3};
@@ -60,15 +61,29 @@ pub fn check(file: &str, pairs: &[Pair], found: &Alignment, has_degrees: bool, w
     Ok(())
 }
 
-/// Says that fixes are of another clock.
-pub fn say_offset(found: &TimeOffset, is_used: bool, warnings: &mut Warnings) {
-    let TimeOffset { seconds, before_m, after_m } = found;
-    let leap = (seconds.abs() - LEAP_SECONDS).abs() < 0.3;
-    let why = if leap { ": GPS time is ahead of UTC by 18 s" } else { "" };
+/// An offset that makes residuals smaller than this part of them is another clock, and no matter of drift.
+const OTHER_CLOCK: f64 = 0.5;
+
+/// The offset of the clocks that is used: the one that was found, if that was asked for. One near that of GPS time and UTC is that.
+///
+/// # Errors
+/// Fixes of another clock, which nobody asked to find.
+pub fn offset(file: &str, found: Option<&TimeOffset>, clock: Clock, warnings: &mut Warnings) -> Result<f64> {
+    let Some(TimeOffset { seconds, before_m, after_m }) = found else { return Ok(0.0) };
+    let is_leap = (seconds.abs() - LEAP_SECONDS).abs() < 0.5;
+    let seconds = if is_leap { LEAP_SECONDS.copysign(*seconds) } else { *seconds };
+    let why = if is_leap { ": GPS time is ahead of UTC by 18 s" } else { "" };
     let before = if before_m.is_finite() { format!("{before_m:.2} m") } else { "no overlap".to_owned() };
-    let text = format!("fixes fit best with {seconds:+.2} s added to their times{why} (median residual {after_m:.2} m, {before} without)");
-    let remedy = if is_used { "" } else { "`--time-offset auto` adds that" };
-    if is_used { tracing::info!("{text}") } else { warnings.add(Code::OtherClock, text, remedy) }
+    let text = format!("{file}: fixes fit best with {seconds:+.2} s added to their times{why} (median residual {after_m:.2} m, {before} without)");
+    if clock == Clock::Find {
+        tracing::info!("{text}");
+        return Ok(seconds);
+    }
+    if !before_m.is_finite() || *after_m < OTHER_CLOCK * before_m {
+        return Err(Error::new(text, "`--time-offset auto` adds that; `--time-offset 0` takes the times as they are"));
+    }
+    warnings.add(Code::OtherClock, text, "`--time-offset auto` adds that");
+    Ok(0.0)
 }
 
 /// The covariance of a fix, with what correlation in time makes of it: of fixes of a metre that stay off for a minute, sixty say no more than one.

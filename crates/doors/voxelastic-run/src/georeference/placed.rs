@@ -61,8 +61,7 @@ pub(super) fn place(nodes: &Nodes, fixes: Fixes, frame: &Frame, request: &Reques
         Clock::Offset(seconds) => seconds,
         Clock::Same | Clock::Find => {
             let found = time_offset(&track, &times, &request.lever);
-            found.iter().for_each(|found| checks::say_offset(found, request.clock == Clock::Find, warnings));
-            found.filter(|_| request.clock == Clock::Find).map_or(0.0, |found| found.seconds)
+            checks::offset(&request.file.display().to_string(), found.as_ref(), request.clock, warnings)?
         }
     };
     let (mut placed, mut lost) = (Vec::with_capacity(all.len()), 0);
