@@ -1,15 +1,14 @@
 //! Reading fixes from text: logs of receivers (NMEA), solutions of RTKLIB (`.pos`), and tables of times or names with coordinates.
 
+mod leap;
 mod nmea_log;
 mod pos;
 mod table;
 
+pub use leap::LEAP_SECONDS;
 pub use nmea_log::read_sentences;
 
 use crate::{EarthError, Fixes};
-
-/// GPS time is ahead of UTC by this since 2017, seconds.
-pub const LEAP_SECONDS: f64 = 18.0;
 
 /// Reads fixes, or control points, from the text of a file; its form is recognised.
 ///

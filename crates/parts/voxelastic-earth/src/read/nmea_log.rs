@@ -190,7 +190,7 @@ mod tests {
             "$GNGGA,000003.50,4808.22924,N,01134.56744,E,4,12,0.7,519.30,M,46.20,M,,*00\r\n".to_owned(),
         ]
         .concat();
-        let fixes = crate::read_text(&log).unwrap();
+        let fixes = read(&log);
         assert_eq!((fixes.all.len(), fixes.without_position, fixes.heights), (2, 2, Heights::Ellipsoid), "{fixes:?}");
         let Place::Geodetic(place) = fixes.all[0].place else { panic!() };
         assert!((place.latitude - 48.137154).abs() < 1e-9 && (place.longitude - 11.576_124).abs() < 1e-6 && (place.height - 565.5).abs() < 1e-3);

@@ -1,6 +1,6 @@
 //! Solutions of RTKLIB (`.pos`): latitude, longitude and height with standard deviations. Layout from RTKLIB's manual 2.4.2, appendix B.
 
-use super::LEAP_SECONDS;
+use super::leap::LEAP_SECONDS;
 use crate::{EarthError, Fix, Fixes, Geodetic, Heights, Place};
 use chrono::NaiveDateTime;
 use nalgebra::Matrix3;
@@ -43,14 +43,14 @@ mod tests {
     fn a_solution_is_read_with_its_covariance_and_gps_time() {
         let text = "% program : RTKLIB\n%  GPST   latitude(deg) longitude(deg)  height(m)   Q  ns   sdn(m)   sde(m)   sdu(m)  sdne(m)  sdeu(m)  sdun(m) age(s)  ratio\n\
             2026/11/29 09:00:18.000   48.137154000   11.576124000   519.3000   1  12   0.0100   0.0200   0.0300   0.0050  -0.0060   0.0070   1.00   12.0\n";
-        let fixes = crate::read_text(text).unwrap();
+        let fixes = super::read(text).unwrap();
         assert_eq!(fixes.all[0].time, Some(1_795_942_800.0));
         let covariance = fixes.all[0].covariance.unwrap();
         assert!(
             (covariance[(0, 0)] - 4e-4).abs() < 1e-12 && (covariance[(0, 2)] + 3.6e-5).abs() < 1e-12 && (covariance[(0, 1)] - 2.5e-5).abs() < 1e-12
         );
         assert!(fixes.notes[0].contains("18 s"));
-        let wrong = crate::read_text(&text.replace("48.137154000", "x")).unwrap_err();
+        let wrong = super::read(&text.replace("48.137154000", "x")).unwrap_err();
         assert!(wrong.to_string().contains("line 3"), "{wrong}");
     }
 }

@@ -133,15 +133,15 @@ mod tests {
     #[test]
     fn tables_with_and_without_names() {
         let control = "name, easting, northing, height, sigma, map_x, map_y, map_z\nP1, 691650.37, 5334754.25, 519.3, 0.01, 1, 2, 3\nP2,691660.37,5334754.25,519.3,0.01,,,\n";
-        let fixes = crate::read_text(control).unwrap().all;
+        let fixes = read(control).unwrap().all;
         assert_eq!((fixes[0].name.as_deref(), fixes[0].seen_at, fixes[1].seen_at), (Some("P1"), Some(Vector3::new(1.0, 2.0, 3.0)), None));
         assert_eq!((fixes[0].place, fixes[0].time), (Place::Projected([691_650.37, 5_334_754.25, 519.3]), None));
-        let seven = crate::read_text("1746076987.99 -269.5 -260.7 34.7 0 0 0\n1746076988.99 -269.5 -260.7 34.7 0.1 0.1 0.2\n").unwrap();
+        let seven = read("1746076987.99 -269.5 -260.7 34.7 0 0 0\n1746076988.99 -269.5 -260.7 34.7 0.1 0.1 0.2\n").unwrap();
         assert_eq!((seven.all[0].covariance, seven.all[1].sigmas().map(|s| s[2])), (None, Some(0.2)));
         assert!(seven.notes[0].contains("missing"));
-        let tum = crate::read_text("# time x y z qx qy qz qw\n1.5 10 20 30 0 0 0 1\n").unwrap();
+        let tum = read("# time x y z qx qy qz qw\n1.5 10 20 30 0 0 0 1\n").unwrap();
         assert_eq!((tum.all[0].time, tum.all[0].place), (Some(1.5), Place::Projected([10.0, 20.0, 30.0])));
-        let wrong = |text: &str| crate::read_text(text).unwrap_err().to_string();
+        let wrong = |text: &str| read(text).unwrap_err().to_string();
         assert!(wrong("1 2 3\n").contains("3 columns") && wrong("").contains("empty"));
         assert!(wrong("time,lat,lon,height\n1,48,x,5\n").contains("line 2") && wrong("time,lat,lon\n1,48,11\n").contains("no place"));
     }
