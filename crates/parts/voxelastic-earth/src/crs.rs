@@ -13,7 +13,7 @@ pub struct Crs {
     code: u16,
     projection: Proj,
     geographic: Proj,
-    wkt: &'static str,
+    wkt: String,
     is_shifted: bool,
 }
 
@@ -51,7 +51,7 @@ impl Crs {
         let shift = word("+towgs84=").unwrap_or("0");
         let is_named = word("+datum=").is_some_and(|datum| !matches!(datum, "WGS84" | "NAD83"));
         let is_shifted = is_named || shift.split(',').any(|number| number.parse::<f64>().is_ok_and(|v| v != 0.0));
-        Ok(Self { code, projection, geographic, wkt: definition.wkt, is_shifted })
+        Ok(Self { code, projection, geographic, wkt: without_shift(definition.wkt), is_shifted })
     }
 
     /// The UTM zone of a place, on WGS 84.
@@ -71,12 +71,12 @@ impl Crs {
     }
 
     /// Its definition as text (OGC 01-009, as LAS 1.4 asks for).
-    pub fn wkt(&self) -> &'static str {
-        self.wkt
+    pub fn wkt(&self) -> &str {
+        &self.wkt
     }
 
     /// Its name.
-    pub fn name(&self) -> &'static str {
+    pub fn name(&self) -> &str {
         self.wkt.split('"').nth(1).unwrap_or_default()
     }
 
@@ -118,6 +118,12 @@ impl Crs {
     fn unreached(&self, what: String) -> EarthError {
         EarthError::new(format!("{what} is beyond what {self} reaches"), "name the system of the place where the map is")
     }
+}
+
+/// A definition without the parameters of a way to WGS 84, with which PROJ takes it for another system than that of its code.
+fn without_shift(wkt: &str) -> String {
+    let parts = wkt.split_once(",TOWGS84[").and_then(|(before, rest)| Some((before, rest.split_once(']')?.1)));
+    parts.map_or_else(|| wkt.to_owned(), |(before, after)| format!("{before}{after}"))
 }
 
 /// The UTM zone of a longitude, by six degrees each; the exceptions of Norway and Svalbard are not made.
@@ -174,6 +180,10 @@ mod tests {
         assert!(Crs::utm(&Geodetic { latitude: 87.0, ..kiel }).is_err());
         let dresden = Geodetic { latitude: 51.05, longitude: 13.74, height: 0.0 };
         assert_eq!((Crs::of_code(25832).unwrap().other_zone(&kiel), Crs::of_code(25832).unwrap().other_zone(&dresden)), (None, Some(33)));
+        assert!(
+            Crs::of_code(25832).unwrap().wkt().starts_with("PROJCS[\"ETRS89 / UTM zone 32N\"")
+                && !Crs::of_code(25832).unwrap().wkt().contains("TOWGS84")
+        );
         assert!(Crs::of_code(31467).unwrap().is_shifted() && !Crs::of_code(25832).unwrap().is_shifted());
         assert!(Crs::of_code(32632).unwrap().of_geodetic(&Geodetic { latitude: f64::NAN, ..kiel }).is_err());
     }

@@ -65,18 +65,26 @@ fn a_map_that_drifts_is_bent_onto_positions_and_wrong_ones_are_sorted_out() {
         assert!(largest_bend(&drifted, &found.solved.poses) > 1.0);
         errors.push(rms(&found.solved.poses, &found.t_measured_map, &truth, &plane));
     }
-    assert!(errors[0] < 0.025 && errors[1] < 1.1 * errors[0], "{errors:?}");
+    assert!(errors[0] < 0.03 && errors[1] < 1.1 * errors[0], "{errors:?}");
     assert!(rms(&drifted, &start, &truth, &plane) > 1.0);
 }
 
 #[test]
 fn positions_that_are_too_sure_of_themselves_are_weighed_by_what_they_are_worth() {
-    let (truth, drifted, edges) = rounds();
-    let problem = Problem { nodes: &drifted, edges: &edges, fixed: &[] };
+    let (truth, ..) = rounds();
+    let nodes: Vec<(NodeId, Pose)> = (0..).zip(truth.iter().copied()).collect();
+    // Odometry to a tenth of a millimetre does not follow noise of 2 cm.
+    let mut information = [0.0; 21];
+    [0, 6, 11].iter().for_each(|k| information[*k] = 1e8);
+    [15, 18, 20].iter().for_each(|k| information[*k] = 1e10);
+    let edge = |k: usize| Edge { from: k as NodeId - 1, to: k as NodeId, t_from_to: truth[k - 1].inv_mul(&truth[k]), information: Some(information) };
+    let edges: Vec<Edge> = (1..truth.len()).map(edge).collect();
     let mut measured = positions(&truth, &Pose::identity(), false);
-    measured.iter_mut().for_each(|p| p.covariance *= 1e-6);
-    let found = optimise_with_positions(&problem, &measured, &Pose::identity(), &Options::default()).unwrap();
-    assert!(found.is_used.iter().filter(|used| **used).count() > 90 && found.spread > 3.0, "{}", found.spread);
+    measured.iter_mut().for_each(|p| p.covariance *= 1e-2);
+    let found =
+        optimise_with_positions(&Problem { nodes: &nodes, edges: &edges, fixed: &[] }, &measured, &Pose::identity(), &Options::default()).unwrap();
+    let used = found.is_used.iter().filter(|used| **used).count();
+    assert!(used > 90 && found.spread > 3.0, "{used} used, spread {}", found.spread);
 }
 
 #[test]

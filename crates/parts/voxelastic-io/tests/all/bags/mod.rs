@@ -1,8 +1,8 @@
 //! Recordings written by other people's software (`write.py`: rosbags, mcap). The fixtures are some of what it wrote; the rest is written
 //! anew where Python has the packages (`VOXELASTIC_PYTHON`, default `python3`).
 
-mod fixes;
 mod drive;
+mod fixes;
 mod harm;
 mod images;
 mod ouster;
