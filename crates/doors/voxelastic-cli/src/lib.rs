@@ -53,7 +53,7 @@ const GROUPS: [(&str, &[&str]); 5] = [
 fn command_line() -> clap::Command {
     let command = Cli::command();
     let about = |name: &str| command.find_subcommand(name).and_then(clap::Command::get_about).map(ToString::to_string).unwrap_or_default();
-    let row = |name: &&str| format!("  {name:<13}{}\n", about(name));
+    let row = |name: &&str| format!("  {name:<14}{}\n", about(name));
     let list: String = GROUPS.iter().map(|(heading, names)| format!("{heading}:\n{}\n", names.iter().map(row).collect::<String>())).collect();
     command.help_template(format!("{{about-with-newline}}\n{{usage-heading}} {{usage}}\n\n{list}Options:\n{{options}}{{after-help}}"))
 }
