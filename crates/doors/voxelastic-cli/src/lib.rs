@@ -20,6 +20,7 @@ mod reporting;
 mod texturing;
 
 use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
+use commands::earth::georeference;
 use commands::measuring::{demo, eval, heldout, simulate};
 use commands::poses::{localize, odometry, optimize};
 use commands::sessions::{changes, merge, refine, remove, repair};
@@ -42,7 +43,7 @@ Examples:
 /// The commands by headings, those that most people need first.
 const GROUPS: [(&str, &[&str]); 5] = [
     ("Commands", &["map", "live", "view", "mesh", "export", "render", "report", "check", "info", "plan", "refine", "localize", "config", "demo"]),
-    ("Sessions and damaged maps", &["merge", "remove", "changes", "repair"]),
+    ("Sessions, places on Earth, damaged maps", &["merge", "remove", "changes", "georeference", "repair"]),
     ("Free space", &["slice", "esdf", "explore"]),
     ("Poses alone", &["odometry", "optimize"]),
     ("Measuring", &["eval", "heldout", "simulate"]),
@@ -52,7 +53,7 @@ const GROUPS: [(&str, &[&str]); 5] = [
 fn command_line() -> clap::Command {
     let command = Cli::command();
     let about = |name: &str| command.find_subcommand(name).and_then(clap::Command::get_about).map(ToString::to_string).unwrap_or_default();
-    let row = |name: &&str| format!("  {name:<10}{}\n", about(name));
+    let row = |name: &&str| format!("  {name:<14}{}\n", about(name));
     let list: String = GROUPS.iter().map(|(heading, names)| format!("{heading}:\n{}\n", names.iter().map(row).collect::<String>())).collect();
     command.help_template(format!("{{about-with-newline}}\n{{usage-heading}} {{usage}}\n\n{list}Options:\n{{options}}{{after-help}}"))
 }
@@ -94,6 +95,7 @@ enum Command {
     Esdf(esdf::EsdfArgs),
     Explore(explore::ExploreArgs),
     Changes(changes::ChangesArgs),
+    Georeference(georeference::GeoreferenceArgs),
     Merge(merge::MergeArgs),
     Refine(refine::RefineArgs),
     Remove(remove::RemoveArgs),
@@ -173,6 +175,7 @@ impl Command {
             Self::Esdf(args) => esdf::run(args),
             Self::Explore(args) => explore::run(args, quiet),
             Self::Changes(args) => changes::run(args),
+            Self::Georeference(args) => georeference::run(args),
             Self::Merge(args) => merge::run(args),
             Self::Refine(args) => refine::run(args, quiet),
             Self::Remove(args) => remove::run(args),

@@ -29,7 +29,7 @@ fn write(content: &Content, path: &Path, voxel: Option<f64>, options: &MeshOptio
             octomap::write(path, &occupancy).map(drop)
         }
         Format::Cloud(cloud::Format::E57) => write_stations(content, path, options),
-        Format::Cloud(format) => Ok(cloud::write(path, format, &surface(content, options)?, content.origin)?),
+        Format::Cloud(format) => Ok(cloud::write(path, format, &surface(content, options)?, content.origin, content.place.as_ref())?),
         Format::Tiles => write_tiles(content, path, options),
     }
 }
@@ -68,5 +68,5 @@ fn write_tiles(content: &Content, folder: &Path, options: &MeshOptions) -> Resul
         tiles::write_whole(surface(content, options)?, voxel, &mut writer, &mut step)?;
     }
     let title = folder.file_name().map_or_else(|| "map".into(), |name| name.to_string_lossy());
-    tiles::finish(writer, folder, &title).map(drop)
+    tiles::finish(writer, folder, &title, content.place.as_ref()).map(drop)
 }

@@ -17,6 +17,7 @@ use voxelastic::query::{AtlasQuery, DistanceQuery};
 use voxelastic::surface::{Mesh, MeshOptions, OccupancySurface};
 use voxelastic_esdf::{EsdfError, EsdfSettings, LocalEsdf};
 use voxelastic_io::Origin;
+use voxelastic_earth::Georeference;
 use voxelastic_io::mesh_io::{self, MeshRef};
 use voxelastic_io::store::{MapDetails, MapStore, MapWriter, SessionEntry};
 use voxelastic_run::surfaces::{self, SurfaceOptions};
@@ -42,6 +43,8 @@ pub struct Content {
     pub sensor: Option<String>,
     /// Where coordinates are counted from; zero unless the command made the map of poses far from zero.
     pub origin: Origin,
+    /// Where it lies on Earth, if it was georeferenced.
+    pub place: Option<Georeference>,
     /// Its sessions, if it was saved.
     pub sessions: Vec<SessionEntry>,
     /// What was made of distance fields, by their settings: of those asked for last.
@@ -63,7 +66,7 @@ impl From<Content> for Map {
 impl Content {
     /// A map of these submaps.
     pub fn new(atlas: Atlas, settings: Settings, sensor: Option<String>, origin: Origin) -> Self {
-        Self { atlas, settings, sensor, origin, sessions: Vec::new(), distance_fields: Mutex::default() }
+        Self { atlas, settings, sensor, origin, place: None, sessions: Vec::new(), distance_fields: Mutex::default() }
     }
 
     /// The distance field of these settings, which is kept for the next points.
@@ -135,25 +138,28 @@ impl Map {
             let Some(stored) = store.manifest().details.stored_settings() else { return Ok(None) };
             let details = &store.manifest().details;
             let origin = details.origin().map_err(str::to_owned);
+            let place = details.georeference();
             let atlas = store.load_atlas()?;
             let atlas = if keep_vanished { atlas } else { store.without_vanished(atlas, &stored.settings).0 };
-            Ok(Some((atlas, stored, details.sensor.get("description").cloned(), origin, joining::listed_sessions(&store))))
+            Ok(Some((atlas, stored, details.sensor.get("description").cloned(), origin, place, joining::listed_sessions(&store))))
         };
         let opened = job::run(py, move || pool.install(load))?;
-        let Some((atlas, stored, sensor, origin, sessions)) = opened.map_err(|e| errors::file(py, &e))? else {
+        let Some((atlas, stored, sensor, origin, place, sessions)) = opened.map_err(|e| errors::file(py, &e))? else {
             return Err(errors::Kind::File.exception(py, "the manifest of the map does not contain the voxel size; map the data again".to_owned()));
         };
         let damaged = |words: String| errors::Kind::File.exception(py, format!("the manifest of the map has an origin that is none: {words:?}"));
         let origin = origin.map_err(damaged)?;
+        let place = place.map_err(|e| errors::Kind::File.exception(py, format!("the manifest of the map: {e}; {}", e.remedy())))?;
         let remarks: Vec<String> =
             stored.refused.iter().map(|problem| format!("the map has a setting that this version does not know: {problem}")).collect();
-        Ok((Content { sessions, ..Content::new(atlas, stored.settings, sensor, origin) }.into(), remarks))
+        Ok((Content { sessions, place, ..Content::new(atlas, stored.settings, sensor, origin) }.into(), remarks))
     }
 
     /// Saves the map to a directory. A save that has begun is completed.
     fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
         let (content, pool) = (self.content()?, job::shared_pool()?);
         let details = MapDetails::describe(&content.settings, content.sensor.as_deref()).with_origin(content.origin);
+        let details = content.place.iter().fold(details, |details, place| details.with_georeference(place));
         let saved = job::run_short(py, || pool.install(|| MapWriter::create(&path)?.save(&content.atlas, &details)))?;
         saved.map(|_| ()).map_err(|e| errors::file(py, &e))
     }

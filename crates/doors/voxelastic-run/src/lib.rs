@@ -32,6 +32,7 @@
 pub mod corrections;
 pub mod error;
 pub mod export;
+pub mod georeference;
 mod input;
 pub mod joining;
 pub mod keep;

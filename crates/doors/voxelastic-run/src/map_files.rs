@@ -7,6 +7,7 @@ use voxelastic::atlas::Atlas;
 use voxelastic::changes::RemovedVoxels;
 use voxelastic::memory::{MemorySize, keep_arrays_in_file};
 use voxelastic::settings::Settings;
+use voxelastic_earth::Georeference;
 use voxelastic_io::store::MapStore;
 use voxelastic_io::{Error as FileError, Origin};
 use voxelastic_report::RunLog;
@@ -19,6 +20,8 @@ pub struct LoadedMap {
     pub settings: Settings,
     /// Where the coordinates of the submaps are counted from. What users give and get is counted from zero.
     pub origin: Origin,
+    /// Where it lies on Earth, if it was georeferenced.
+    pub place: Option<Georeference>,
     /// Submaps that were left out because they are damaged.
     pub damaged: usize,
 }
@@ -60,6 +63,7 @@ pub fn load_surfaces(path: &Path, args: Loading) -> Result<LoadedMap> {
 fn load_from(store: MapStore, args: Loading) -> Result<LoadedMap> {
     args.limit_memory()?;
     let (settings, origin) = (settings_of(&store)?, origin_of(&store)?);
+    let place = place_of(&store)?;
     let (atlas, damaged) = if args.skip_damaged {
         let (atlas, found) = store.load_undamaged().map_err(damaged_whole)?;
         found.iter().for_each(|error| tracing::warn!("left out: {error}"));
@@ -69,7 +73,7 @@ fn load_from(store: MapStore, args: Loading) -> Result<LoadedMap> {
         (store.load_atlas().map_err(|error| damaged_part(store.dir(), error))?, 0)
     };
     let atlas = if args.keep_vanished { atlas } else { newest(&store, atlas, &settings) };
-    Ok(LoadedMap { atlas, settings, origin, damaged })
+    Ok(LoadedMap { atlas, settings, origin, place, damaged })
 }
 
 /// The map without what later sessions and laps saw to be gone.
@@ -152,6 +156,14 @@ pub fn origin_of(store: &MapStore) -> Result<Origin> {
         let remedy = "restore the manifest from a backup, or move it away and let `voxelastic repair` make it again";
         Error::new(format!("{}: damaged origin in manifest.json: {words:?}", store.dir().display()), remedy)
     })
+}
+
+/// The place of a map on Earth, if it has one.
+///
+/// # Errors
+/// Damage of what is stored.
+pub fn place_of(store: &MapStore) -> Result<Option<Georeference>> {
+    store.manifest().details.georeference().map_err(|e| Error::new(format!("{}: {e}", store.dir().display()), e.remedy()))
 }
 
 /// Whether a folder has nothing but what was stored of a run that did not end.

@@ -51,6 +51,20 @@ pub enum Code {
     NotJoined,
     /// The session was bent to fit.
     Bent,
+    /// Fixes are no places.
+    FixesLeftOut,
+    /// Fixes do not fit the map as they should.
+    FixesDisagree,
+    /// Fixes are of another clock than the scans.
+    OtherClock,
+    /// Fixes come without standard deviations.
+    AssumedDeviations,
+    /// Nothing says where on Earth coordinates are.
+    NowhereOnEarth,
+    /// The coordinate system is not made for the place.
+    OtherZone,
+    /// What heights count from is not known, or is contradicted.
+    Heights,
     /// The map is saved elsewhere, or under another name.
     SavedElsewhere,
     /// The log of the run is not stored, or in memory.
@@ -83,6 +97,13 @@ impl Code {
             Self::NotInMap => "not-in-map",
             Self::NotJoined => "not-joined",
             Self::Bent => "bent",
+            Self::FixesLeftOut => "fixes-left-out",
+            Self::FixesDisagree => "fixes-disagree",
+            Self::OtherClock => "other-clock",
+            Self::AssumedDeviations => "assumed-deviations",
+            Self::NowhereOnEarth => "nowhere-on-earth",
+            Self::OtherZone => "other-zone",
+            Self::Heights => "heights",
             Self::SavedElsewhere => "saved-elsewhere",
             Self::NoLog => "no-log",
         }

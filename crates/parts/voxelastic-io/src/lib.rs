@@ -10,6 +10,7 @@
 //! - [`bag::Recording`] plays recordings of ROS 1 and ROS 2 without ROS, and captures of Ouster sensors ([`ouster`]).
 //! - [`source::open`] opens either. [`ros`] has the messages of recordings as bytes.
 //! - [`raw::open`] reads scans without poses, for odometry.
+//! - [`fixes::read`] reads where a receiver was on Earth, from its log, a table, a recording or KITTI's `oxts`.
 //! - [`images::open`] reads images of cameras beside the scans.
 //!
 //! The formats below them can be used on their own: [`clouds::read`] reads one cloud ([`pcd`], [`ply`], [`bin`], and [`survey`] for LAS, LAZ
@@ -77,6 +78,7 @@ mod error;
 mod file;
 mod file_names;
 mod fingerprint;
+pub mod fixes;
 mod folders;
 pub mod g2o;
 mod graph;

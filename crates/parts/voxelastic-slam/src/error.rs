@@ -46,6 +46,12 @@ pub enum SlamError {
         /// The node.
         node: NodeId,
     },
+    /// A position that is no measurement.
+    #[error("the position at node {node} is no measurement: its numbers must be finite, and its covariance positive definite")]
+    BadPosition {
+        /// The node.
+        node: NodeId,
+    },
     /// More nodes than the solver can number.
     #[error("{nodes} nodes are more than the solver can number")]
     TooMany {

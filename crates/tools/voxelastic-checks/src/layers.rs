@@ -13,7 +13,8 @@ pub const CRATES: &[Layer] = &[
     ("voxelastic-files", &[]),
     ("voxelastic", &[]),
     ("voxelastic-colour", &["voxelastic"]),
-    ("voxelastic-io", &["voxelastic", "voxelastic-files", "voxelastic-colour"]),
+    ("voxelastic-earth", &["voxelastic"]),
+    ("voxelastic-io", &["voxelastic", "voxelastic-files", "voxelastic-colour", "voxelastic-earth"]),
     ("voxelastic-eval", &["voxelastic", "voxelastic-files"]),
     ("voxelastic-sim", &["voxelastic", "voxelastic-files", "voxelastic-colour", "voxelastic-io"]),
     ("voxelastic-slam", &["voxelastic"]),
@@ -21,7 +22,10 @@ pub const CRATES: &[Layer] = &[
     ("voxelastic-esdf", &["voxelastic"]),
     ("voxelastic-explore", &["voxelastic", "voxelastic-plan"]),
     ("voxelastic-report", &["voxelastic-eval"]),
-    ("voxelastic-run", &["voxelastic", "voxelastic-files", "voxelastic-io", "voxelastic-eval", "voxelastic-slam", "voxelastic-report"]),
+    (
+        "voxelastic-run",
+        &["voxelastic", "voxelastic-files", "voxelastic-earth", "voxelastic-io", "voxelastic-eval", "voxelastic-slam", "voxelastic-report"],
+    ),
     (
         "voxelastic-live",
         &[
@@ -43,6 +47,7 @@ pub const CRATES: &[Layer] = &[
             "voxelastic",
             "voxelastic-files",
             "voxelastic-colour",
+            "voxelastic-earth",
             "voxelastic-io",
             "voxelastic-eval",
             "voxelastic-sim",
@@ -59,6 +64,7 @@ pub const CRATES: &[Layer] = &[
         "voxelastic-python",
         &[
             "voxelastic",
+            "voxelastic-earth",
             "voxelastic-io",
             "voxelastic-eval",
             "voxelastic-sim",

@@ -2,6 +2,7 @@
 
 pub mod check;
 pub mod config;
+pub mod earth;
 pub mod export;
 pub mod info;
 pub mod live;

@@ -3,6 +3,7 @@
 // Figures, for those who run the tests with `--nocapture`.
 #![allow(clippy::print_stdout, clippy::print_stderr)]
 
+mod earth;
 mod elastic;
 mod faults;
 mod first_map;

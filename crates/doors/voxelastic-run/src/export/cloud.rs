@@ -1,13 +1,15 @@
 //! Surfaces as clouds.
 
+use rayon::prelude::*;
 use std::path::Path;
 use voxelastic::atlas::{Atlas, SubmapId};
 use voxelastic::geometry::Rigid;
 use voxelastic::surface::Mesh;
 use voxelastic::{Cloud, Pose};
+use voxelastic_earth::{EarthError, Georeference};
 use voxelastic_io::mesh_io::{MeshRef, write_ply};
 use voxelastic_io::survey::{SurveyCloud, copc, e57, las};
-use voxelastic_io::{Origin, Result, pcd};
+use voxelastic_io::{Error, Origin, Result, pcd};
 
 /// File formats of clouds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -39,20 +41,36 @@ impl Format {
 
 /// Writes the vertices of a surface whose coordinates count from `origin`. As E57, they are one scan; see [`write_stations`].
 ///
+/// LAS and COPC of a map with a place on Earth are in its coordinate system, of which they have the definition.
+///
 /// # Errors
-/// When the file cannot be written.
-pub fn write(path: &Path, format: Format, mesh: &Mesh, origin: Origin) -> Result<()> {
+/// When the file cannot be written, or the system does not reach the map.
+pub fn write(path: &Path, format: Format, mesh: &Mesh, origin: Origin, place: Option<&Georeference>) -> Result<()> {
     let offset = origin.coordinates();
     match format {
         Format::Ply => write_cloud_ply(path, mesh, origin),
         Format::Pcd => pcd::write_with_normals(path, &cloud(mesh, 1.0), &mesh.normals, offset),
-        Format::Las => las::write(path, &SurveyCloud { offset, cloud: cloud(mesh, 257.0) }),
-        Format::Copc => copc::write(path, &SurveyCloud { offset, cloud: cloud(mesh, 257.0) }),
+        Format::Las => las::write(path, &survey(path, mesh, origin, place)?),
+        Format::Copc => copc::write(path, &survey(path, mesh, origin, place)?),
         Format::E57 => {
             let survey = SurveyCloud { cloud: cloud(mesh, 1.0 / 255.0), ..SurveyCloud::default() };
             e57::write(path, &[e57::E57Scan { name: None, t_map_scan: origin.to_map(Pose::identity()), survey }])
         }
     }
+}
+
+/// The vertices in the coordinate system of the map, if it has one.
+fn survey(path: &Path, mesh: &Mesh, origin: Origin, place: Option<&Georeference>) -> Result<SurveyCloud> {
+    let whole = SurveyCloud { offset: origin.coordinates(), cloud: cloud(mesh, 257.0), crs_wkt: None };
+    let Some(place) = place else { return Ok(whole) };
+    let fail = |e: EarthError| Error::Unwritable { path: path.to_owned(), problem: format!("{e}; {}", e.remedy()) };
+    let projector = place.projector().map_err(fail)?;
+    let moved = |p: &[f32; 3]| projector.point(origin.point_to_map(p.map(f64::from)));
+    let points = mesh.positions.par_iter().map(moved).collect::<std::result::Result<Vec<[f64; 3]>, EarthError>>().map_err(fail)?;
+    let offset = points.first().map_or([0.0; 3], |p| p.map(|c| (c / 100.0).round() * 100.0));
+    let local = points.iter().map(|p| std::array::from_fn(|k| (p[k] - offset[k]) as f32)).collect();
+    let crs_wkt = projector.crs().map(|crs| crs.wkt().to_owned());
+    Ok(SurveyCloud { offset, cloud: Cloud { points: local, ..whole.cloud }, crs_wkt })
 }
 
 /// Writes the surfaces of submaps, in the map frame, as E57: a scan for each, in the submap's frame, with its pose.

@@ -6,9 +6,10 @@ use std::path::Path;
 use voxelastic::atlas::Atlas;
 use voxelastic::meshing::SurfaceTiles;
 use voxelastic::surface::Mesh;
+use voxelastic_earth::Georeference;
 use voxelastic_eval::colour::{Ramp, Rgb};
 use voxelastic_io::Result;
-use voxelastic_io::tiles::{TilesetReport, TilesetWriter, leaves, split};
+use voxelastic_io::tiles::{TilesetReport, TilesetWriter, leaves, remove_from_earth, split, write_on_earth};
 use voxelastic_report::tiles_page;
 
 /// Writes a surface tile by tile. `step` is told the triangles so far, and those of all.
@@ -48,17 +49,22 @@ pub fn write_whole(mut mesh: Mesh, voxel: f32, writer: &mut TilesetWriter, step:
     Ok(())
 }
 
-/// Completes the folder: with the page, and the list of all tiles.
+/// Completes the folder: with the page, and the list of all tiles; of a map on Earth, with `earth.json`, which says where that is.
 ///
 /// # Errors
 /// When something cannot be written.
-pub fn finish(writer: TilesetWriter, folder: &Path, title: &str) -> crate::Result<TilesetReport> {
+pub fn finish(writer: TilesetWriter, folder: &Path, title: &str, place: Option<&Georeference>) -> crate::Result<TilesetReport> {
     for (name, bytes) in tiles_page::FILES {
         let path = folder.join(name);
         voxelastic_files::write(&path, |file| file.write_all(bytes))
             .map_err(|e| crate::Error::new(format!("cannot write {}: {e}", path.display()), ""))?;
     }
-    Ok(writer.finish(title)?.unwrap_or_default())
+    let report = writer.finish(title)?;
+    match place.and_then(Georeference::t_ecef_map).filter(|_| report.is_some()) {
+        Some(t_ecef_map) => write_on_earth(folder, &t_ecef_map)?,
+        None => remove_from_earth(folder)?,
+    }
+    Ok(report.unwrap_or_default())
 }
 
 fn by_height(positions: &[[f32; 3]], low: f32, high: f32) -> Vec<Rgb> {

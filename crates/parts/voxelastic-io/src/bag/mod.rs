@@ -37,6 +37,7 @@ mod topics;
 pub use containers::format::BagFormat;
 pub use describe::{describe, is_recording};
 pub use description::{KEYFRAME_DISTANCE_M, RecordingDescription};
+pub(crate) use messages::fixes::fixes;
 pub(crate) use messages::images::{BagImages, images};
 pub(crate) use raw_recording::RawRecording;
 pub use recording::{Recording, RecordingEvents};

@@ -76,6 +76,7 @@ pub fn write(path: impl AsRef<Path>, survey: &SurveyCloud) -> Result<()> {
     let (x, y, z) = bounds.center();
     let mut metadata = CopcWriteMetadata::default();
     metadata.generating_software = Some("voxelastic".to_owned());
+    metadata.wkt_crs.clone_from(&survey.crs_wkt);
     metadata.system_identifier = Some("voxelastic map".to_owned());
     metadata.scale = Some((STEP, STEP, STEP));
     metadata.offset = Some((x.round(), y.round(), z.round()));

@@ -51,7 +51,8 @@ fn decode(bytes: Vec<u8>, path: &Path) -> Result<SurveyCloud> {
         return Err(Error::content(path, Position::File, problem, "copy it again or write it anew"));
     }
     let has_colour = reader.header().point_format().has_color;
-    let mut gather = Gather::default();
+    let wkt = reader.header().get_wkt_crs_bytes().map(|bytes| String::from_utf8_lossy(bytes).trim_end_matches('\0').to_owned());
+    let mut gather = Gather { crs_wkt: wkt.filter(|wkt| !wkt.is_empty()), ..Gather::default() };
     // Sixteen bits are the rule for colours, but some programs write eight.
     let mut colours: Vec<[u16; 3]> = Vec::new();
     loop {
@@ -95,7 +96,7 @@ fn offset(path: &Path, survey: &SurveyCloud) -> Result<[f64; 3]> {
 }
 
 /// Writes a cloud as LAS 1.4, packed as LAZ if the name says so, atomically. Points without a return are left out; intensities are rounded
-/// to whole numbers from 0 to 65535; coordinates to a tenth of a millimetre.
+/// to whole numbers from 0 to 65535; coordinates to a tenth of a millimetre. With the coordinate system, if the cloud has one.
 ///
 /// # Errors
 /// [`Error::Unwritable`] if channels differ in length or coordinates are too large; [`Error::Io`].
@@ -110,7 +111,12 @@ pub fn write(path: impl AsRef<Path>, survey: &SurveyCloud) -> Result<()> {
     let transform = |k: usize| Transform { scale: STEP, offset: offset[k] };
     builder.transforms = Vector { x: transform(0), y: transform(1), z: transform(2) };
     builder.generating_software = "voxelastic".into();
-    let mut writer = Writer::new(Cursor::new(Vec::new()), builder.into_header().map_err(fail)?).map_err(fail)?;
+    let mut header = builder.into_header().map_err(fail)?;
+    if let Some(wkt) = &survey.crs_wkt {
+        // The specification wants a zero at its end.
+        header.set_wkt_crs([wkt.as_bytes(), &[0]].concat()).map_err(fail)?;
+    }
+    let mut writer = Writer::new(Cursor::new(Vec::new()), header).map_err(fail)?;
     for (i, p) in survey.cloud.points.iter().enumerate().filter(|(_, p)| Cloud::is_return(p)) {
         let [x, y, z] = std::array::from_fn(|k| f64::from(p[k]) + survey.offset[k]);
         let intensity = survey.cloud.intensity.as_ref().map_or(0.0, |v| v[i]).round().clamp(0.0, 65535.0) as u16;

@@ -24,12 +24,15 @@ pub struct SurveyCloud {
     pub offset: [f64; 3],
     /// The points; intensity as in the file.
     pub cloud: Cloud,
+    /// The coordinate system, as text (WKT, OGC 01-009): LAS and COPC are written with it. Of a file that was read, that of LAS.
+    pub crs_wkt: Option<String>,
 }
 
 /// Gathers points and takes the offset off them.
 #[derive(Default)]
 struct Gather {
     offset: Option<[f64; 3]>,
+    crs_wkt: Option<String>,
     points: Vec<[f32; 3]>,
     intensity: Vec<f32>,
     colours: Vec<[u8; 3]>,
@@ -50,7 +53,8 @@ impl Gather {
         }
         let intensity = Some(self.intensity).filter(|v| v.len() == n);
         let colours = Some(self.colours).filter(|c| c.len() == n);
-        Ok(SurveyCloud { offset: self.offset.unwrap_or_default(), cloud: Cloud { intensity, colours, ..Cloud::from_points(self.points) } })
+        let cloud = Cloud { intensity, colours, ..Cloud::from_points(self.points) };
+        Ok(SurveyCloud { offset: self.offset.unwrap_or_default(), cloud, crs_wkt: self.crs_wkt })
     }
 }
 

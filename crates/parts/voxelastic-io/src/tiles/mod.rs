@@ -14,6 +14,7 @@
 //! whole surface is never in memory.
 
 mod cell;
+mod earth;
 mod leaves;
 mod part;
 mod pyramid;
@@ -24,6 +25,7 @@ mod tileset;
 mod writer;
 
 pub use cell::Cell;
+pub use earth::{EARTH, remove_from_earth, write_on_earth};
 pub use leaves::leaves;
 pub use part::Part;
 pub use split::split;

@@ -1,9 +1,12 @@
 //! The tree of tiles, and its form as JSON (3D Tiles 1.1, section 7).
 
-use crate::Origin;
+use crate::{Error, Origin, Position, Result, file};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
+use std::path::Path;
 
+/// The file with the tree.
+pub(super) const TILESET: &str = "tileset.json";
 /// Folder of the tiles, beside `tileset.json`.
 pub(super) const CONTENT: &str = "content";
 
@@ -56,6 +59,20 @@ impl Node {
         }
         json!({ "asset": asset, "geometricError": size, "root": root }).to_string()
     }
+}
+
+/// The box of all tiles of the folder, map frame, and the error of its root, as numbers of `tileset.json`.
+pub(super) fn read_root(folder: &Path) -> Result<([f64; 12], f64)> {
+    let path = folder.join(TILESET);
+    let damaged = || Error::content(&path, Position::File, "not a tree of tiles", "export the map again");
+    let tree: Value = serde_json::from_slice(&file::read(&path)?).map_err(|_| damaged())?;
+    let numbers = |value: &Value| value.as_array().map(|all| all.iter().filter_map(Value::as_f64).collect::<Vec<f64>>());
+    let mut bounds: [f64; 12] = numbers(&tree["root"]["boundingVolume"]["box"]).and_then(|n| n.try_into().ok()).ok_or_else(damaged)?;
+    if let Some(transform) = numbers(&tree["root"]["transform"]).filter(|n| n.len() == 16) {
+        (0..3).for_each(|k| bounds[k] += transform[12 + k]);
+    }
+    let error = tree["geometricError"].as_f64().ok_or_else(damaged)?;
+    Ok((bounds, error))
 }
 
 /// The box around boxes.

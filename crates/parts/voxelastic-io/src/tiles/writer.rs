@@ -2,7 +2,7 @@
 
 use super::part::Part;
 use super::pyramid::{coarser, snap, weld};
-use super::tileset::{CONTENT, Node, around};
+use super::tileset::{CONTENT, Node, TILESET, around};
 use super::{Cell, STEPS_PER_VOXEL};
 use crate::file::write_atomically;
 use crate::mesh_io::{Lattice, MeshRef, tile_glb};
@@ -18,7 +18,6 @@ use xxhash_rust::xxh3::xxh3_64;
 /// Trees of this many levels are files of their own.
 const LEVELS_PER_FILE: u8 = 4;
 /// Name of the file that viewers are given.
-const TILESET: &str = "tileset.json";
 
 /// Writes the tiles of one map to a folder.
 ///

@@ -1,6 +1,6 @@
 //! Pose-graph optimisation: node poses that agree best with all edges, found by the [`factrs`] library.
 //!
-//! [`optimise`] solves a whole graph; [`LiveOptimiser`] sits in a stream of events and adds a
+//! [`optimise`] solves a whole graph, [`optimise_with_positions`] one with positions of a receiver or of control points; [`LiveOptimiser`] sits in a stream of events and adds a
 //! [`PoseUpdate`](voxelastic::event::Event::PoseUpdate) after loop edges (paper Sec. IV-D takes these from any SLAM system).
 //!
 //! ```
@@ -22,6 +22,7 @@ mod incremental;
 mod information;
 mod lie;
 mod live;
+mod position;
 mod solve;
 mod vertical;
 
@@ -32,4 +33,5 @@ pub use information::default_information;
 pub(crate) use information::{symmetric, upper_triangle, usable_information};
 pub(crate) use lie::{exp, log, renormalised};
 pub use live::LiveOptimiser;
+pub use position::{MeasuredPosition, Positioned, largest_bend, optimise_with_positions};
 pub use solve::{Options, Problem, Solved, optimise};

@@ -89,7 +89,7 @@ pub fn optimise(problem: &Problem<'_>, options: &Options) -> Result<Solved, Slam
 
 /// Steps until nothing improves any more; whether that was so before the iterations ran out. The library's own loop loses what
 /// earlier steps gained when a later one finds no improvement.
-fn iterate(solver: &mut LevenMarquardt, mut values: Values) -> Result<(Values, bool), SlamError> {
+pub(super) fn iterate(solver: &mut LevenMarquardt, mut values: Values) -> Result<(Values, bool), SlamError> {
     let limits = solver.params().clone();
     let mut cost = solver.error(&values);
     solver.init(&values);
@@ -113,13 +113,13 @@ fn iterate(solver: &mut LevenMarquardt, mut values: Values) -> Result<(Values, b
     Ok((values, false))
 }
 
-fn words_of(panic: &(dyn std::any::Any + Send)) -> String {
+pub(super) fn words_of(panic: &(dyn std::any::Any + Send)) -> String {
     let words = panic.downcast_ref::<String>().map(String::as_str).or_else(|| panic.downcast_ref::<&str>().copied());
     words.unwrap_or("the solver panicked").to_owned()
 }
 
 /// Refuses what cannot be optimised; returns the place of each node.
-fn check(problem: &Problem<'_>) -> Result<HashMap<NodeId, usize>, SlamError> {
+pub(super) fn check(problem: &Problem<'_>) -> Result<HashMap<NodeId, usize>, SlamError> {
     let mut index_of = HashMap::new();
     for (i, (node, pose)) in problem.nodes.iter().enumerate() {
         if index_of.insert(*node, i).is_some() {
@@ -147,11 +147,11 @@ fn check(problem: &Problem<'_>) -> Result<HashMap<NodeId, usize>, SlamError> {
     Ok(index_of)
 }
 
-fn key(index: usize) -> Key {
+pub(super) fn key(index: usize) -> Key {
     DefaultSymbolHandler::sym_to_key('X', index as u32)
 }
 
-fn start(problem: &Problem<'_>) -> Values {
+pub(super) fn start(problem: &Problem<'_>) -> Values {
     let mut values = Values::new();
     for (i, (_, pose)) in problem.nodes.iter().enumerate() {
         values.insert_unchecked(key(i), se3(pose));
@@ -160,7 +160,7 @@ fn start(problem: &Problem<'_>) -> Values {
 }
 
 /// All factors, and how many edges had to be uncoupled.
-fn factors(problem: &Problem<'_>, options: &Options, index_of: &HashMap<NodeId, usize>) -> Result<(Graph, usize), SlamError> {
+pub(super) fn factors(problem: &Problem<'_>, options: &Options, index_of: &HashMap<NodeId, usize>) -> Result<(Graph, usize), SlamError> {
     let mut graph = Graph::with_capacity(problem.edges.len() + 1);
     for i in anchors(problem, index_of) {
         let noise = GaussianNoise::<6>::from_scalar_sigma(FIXED_SIGMA);
@@ -225,13 +225,13 @@ fn anchors(problem: &Problem<'_>, index_of: &HashMap<NodeId, usize>) -> Vec<usiz
     anchors
 }
 
-fn se3(pose: &Pose) -> SE3 {
+pub(super) fn se3(pose: &Pose) -> SE3 {
     let (q, t) = (pose.rotation.coords, pose.translation.vector);
     SE3::from_rot_trans(SO3::from_xyzw(q[0], q[1], q[2], q[3]), SolverVector3::new(t.x, t.y, t.z))
 }
 
 /// The pose, unless a number of it is not finite.
-fn pose_of(se3: &SE3) -> Option<Pose> {
+pub(super) fn pose_of(se3: &SE3) -> Option<Pose> {
     let (r, t) = (se3.rot(), se3.xyz());
     let rotation = UnitQuaternion::from_quaternion(Quaternion::new(r.w(), r.x(), r.y(), r.z()));
     let pose = Pose::from_parts(Translation3::new(t[0], t[1], t[2]), rotation);

@@ -7,6 +7,7 @@ mod graphs;
 mod loops;
 mod lost;
 mod odometry;
+mod positions;
 mod refine;
 mod storeys;
 mod wrong_closures;

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 
 /// Write a map as a cloud, as tiles that a browser streams, or as an OctoMap
 ///
-/// A cloud has a point for each crossing of the surface between two voxels, in the map frame, with intensity and colour if the scans have them,
+/// A cloud has a point for each crossing of the surface between two voxels, in the map frame (LAS, LAZ and COPC of a map on Earth: in its coordinate system), with intensity and colour if the scans have them,
 /// and normals in PLY and PCD. Overlapping submaps are fused into one surface; E57 files have one scan per submap instead, with the pose of the submap.
 ///
 /// Tiles (3D Tiles 1.1) are for maps that are too large to download: a folder with the surface at several levels of detail, and a page that loads what it
@@ -37,7 +37,7 @@ pub struct ExportArgs {
     /// Edge of the OctoMap's voxels, metres [default: the finest voxel of the map]
     #[arg(long, value_name = "M", value_parser = voxel_size)]
     pub voxel_size: Option<f64>,
-    /// Print one JSON object on stdout: file, points, intensity, colours, seconds; of tiles folder, tiles, levels, triangles, bytes, files_kept, seconds; of an
+    /// Print one JSON object on stdout: file, points, intensity, colours, crs, seconds; of tiles folder, tiles, levels, triangles, bytes, files_kept, seconds; of an
     /// OctoMap file, voxel_m, leaves, occupied_leaves, seconds
     #[arg(long)]
     pub json: bool,

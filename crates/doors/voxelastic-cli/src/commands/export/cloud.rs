@@ -22,6 +22,8 @@ struct Summary<'a> {
     points: usize,
     intensity: bool,
     colours: bool,
+    /// The coordinate system of the file; null for the map frame, or the plane of a map on Earth.
+    crs: Option<String>,
     seconds: f64,
 }
 
@@ -42,11 +44,13 @@ pub fn run(args: &ExportArgs, format: Format) -> anyhow::Result<()> {
     if format == Format::E57 {
         cloud::write_stations(&args.output, &map.atlas, map.origin, parts.iter().map(|(id, part)| (*id, &part.mesh)))
     } else {
-        cloud::write(&args.output, format, &all, map.origin)
+        cloud::write(&args.output, format, &all, map.origin, map.place.as_ref())
     }
     .with_context(|| format!("cannot write the cloud {}", args.output.display()))?;
+    let crs = map.place.filter(|_| matches!(format, Format::Las | Format::Copc)).and_then(|place| place.crs).map(|code| format!("EPSG:{code}"));
     let (points, intensity, colours) = (all.positions.len(), !all.intensities.is_empty(), !all.colours.is_empty());
-    tracing::info!("{points} points in {}", args.output.display());
+    let system = crs.as_ref().map_or_else(String::new, |crs| format!(", in {crs}"));
+    tracing::info!("{points} points in {}{system}", args.output.display());
     if args.json {
         output::print_json(&Summary {
             file: &args.output,
@@ -54,6 +58,7 @@ pub fn run(args: &ExportArgs, format: Format) -> anyhow::Result<()> {
             points,
             intensity,
             colours,
+            crs,
             seconds: clock.elapsed().as_secs_f64(),
         })?;
     }

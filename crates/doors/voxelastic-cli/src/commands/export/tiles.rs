@@ -46,7 +46,7 @@ pub fn run(args: &ExportArgs, quiet: bool) -> anyhow::Result<()> {
         pool.install(|| write_whole(args, &map.atlas, voxel, &mut writer, quiet))?;
     }
     let title = args.map.file_stem().map_or_else(|| "map".into(), |name| name.to_string_lossy());
-    let report = tiles::finish(writer, folder, &title).context("cannot write the tiles")?;
+    let report = tiles::finish(writer, folder, &title, map.place.as_ref()).context("cannot write the tiles")?;
     tracing::info!(
         "{} tiles in {} levels, {} triangles at full detail, {:.1} MB, in {}",
         report.tiles,

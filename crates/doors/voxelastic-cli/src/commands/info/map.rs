@@ -34,6 +34,8 @@ pub struct MapInfo {
     file_mb: f64,
     /// Where the coordinates in the submaps' files are counted from, map frame; zero in most maps.
     origin_m: [f64; 3],
+    /// Where it lies on Earth, in words; `null` of a map that was not georeferenced: `georeference --show --json` has numbers.
+    place: Option<String>,
     /// Box around the positions of the scans in the map frame.
     path_bounds_m: Option<Bounds>,
     /// Box around all blocks of the TSDF and all free or occupied space, map frame; only with `--check`.
@@ -135,6 +137,7 @@ pub fn describe(path: &Path, check: bool, args: LoadArgs) -> anyhow::Result<MapI
         blocks_by_scale,
         file_mb: megabytes(store.bytes()),
         origin_m: origin.coordinates(),
+        place: map_files::place_of(&store)?.map(|place| place.to_string()),
         path_bounds_m: Bounds::around(&path_bounds, origin),
         bounds_m: Bounds::around(&bounds, origin),
         known_m3,
@@ -228,11 +231,12 @@ pub fn table(info: &MapInfo) -> Vec<(String, String)> {
         let [x, y, z] = info.origin_m;
         rows.push(row("origin", format!("{x} {y} {z} m: what is written has it added")));
     }
+    rows.extend(info.place.iter().map(|place| row("on Earth", place)));
     rows.extend(info.path_bounds_m.map(|b| row("path of the sensor", b)));
     rows.extend(info.bounds_m.map(|b| row("extent", b)));
     rows.extend(info.known_m3.iter().map(|known| row("known space", known)));
     rows.extend(info.sensor.values().map(|words| row("sensor", words)));
-    let settings: Vec<String> = info.settings.iter().map(|(key, value)| format!("{key} = {value}")).collect();
+    let settings: Vec<String> = info.settings.iter().filter(|(key, _)| *key != "earth").map(|(key, value)| format!("{key} = {value}")).collect();
     rows.push(row("settings", settings.join(", ")));
     for s in &info.sessions {
         let input = s.input.as_deref().unwrap_or("from data that is not known");

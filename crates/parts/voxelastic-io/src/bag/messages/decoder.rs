@@ -40,6 +40,16 @@ impl<'a> MessageDecoder<'a> {
         MessageReader::of(&self.message.data, self.topic.encoding).ok_or_else(|| self.error("it does not begin like a CDR message"))
     }
 
+    /// The message from its beginning, for decoders beside this one.
+    pub(super) fn reader(&self) -> Result<MessageReader<'a>> {
+        self.cursor()
+    }
+
+    /// The error of a message that is shorter than its fields.
+    pub(super) fn ends_early(&self) -> Error {
+        self.truncated()
+    }
+
     fn error(&self, problem: impl Into<Cow<'static, str>>) -> Error {
         let problem = format!("message of {} at {:.3} s: {}", self.topic.name, self.message.time(), problem.into());
         Error::content(self.path, Position::Byte(self.message.at), problem, "the recording is damaged, or the topic is not of the type it claims")

@@ -2,6 +2,7 @@
 
 pub(super) mod camera_info;
 pub(super) mod decoder;
+pub(super) mod fixes;
 mod header;
 pub(super) mod images;
 pub(super) mod packets;

@@ -4,12 +4,15 @@ use super::piece::MapDetails;
 use crate::Origin;
 use std::collections::BTreeMap;
 use voxelastic::settings::{SettingError, Settings};
+use voxelastic_earth::{EarthError, Georeference};
 
 /// Settings that do not change the map and are not stored, so that equal maps are equal files.
 const NOT_STORED: [&str; 2] = ["memory", "threads"];
 
 /// The entry of the settings that has the origin of a map that is far from zero.
 const ORIGIN: &str = "origin";
+/// The entry that has the place of a map on Earth.
+const EARTH: &str = "earth";
 
 /// The settings of a stored map.
 #[derive(Clone, Debug, PartialEq)]
@@ -56,13 +59,33 @@ impl MapDetails {
         self.settings.get(ORIGIN).map_or(Ok(Origin::default()), |words| Origin::parse(words).ok_or(words.as_str()))
     }
 
+    /// With the place of the map on Earth, which is stored with the settings.
+    #[must_use]
+    pub fn with_georeference(mut self, place: &Georeference) -> Self {
+        self.settings.insert(EARTH.to_owned(), place.to_string());
+        self
+    }
+
+    /// Where the map lies on Earth; none of a map that nobody georeferenced.
+    ///
+    /// # Errors
+    /// Stored words that are no such place.
+    pub fn georeference(&self) -> Result<Option<Georeference>, EarthError> {
+        self.settings.get(EARTH).map(|words| words.parse()).transpose()
+    }
+
     /// The settings; none if the voxel size is not among them.
     pub fn stored_settings(&self) -> Option<StoredSettings> {
         if !self.settings.contains_key("voxel_size") {
             return None;
         }
         let mut settings = Settings::default();
-        let refused = self.settings.iter().filter(|(key, _)| *key != ORIGIN).filter_map(|(key, value)| settings.set(key, value).err()).collect();
+        let refused = self
+            .settings
+            .iter()
+            .filter(|(key, _)| *key != ORIGIN && *key != EARTH)
+            .filter_map(|(key, value)| settings.set(key, value).err())
+            .collect();
         Some(StoredSettings { settings, refused })
     }
 }

@@ -2,6 +2,7 @@
 //! anew where Python has the packages (`VOXELASTIC_PYTHON`, default `python3`).
 
 mod drive;
+mod fixes;
 mod harm;
 mod images;
 mod message_bag;

@@ -14,7 +14,7 @@ fn survey(offset: [f64; 3]) -> SurveyCloud {
     let points = (0..300).map(|k| [k as f32 * 0.25, (k as f32).sin(), -0.5 * k as f32 - 1.0]).collect();
     let intensity = Some((0..300).map(|k| (k % 50) as f32).collect());
     let colours = Some((0..300).map(|k| [(k % 256) as u8, 7, 200]).collect());
-    SurveyCloud { offset, cloud: Cloud { intensity, colours, ..Cloud::from_points(points) } }
+    SurveyCloud { offset, cloud: Cloud { intensity, colours, ..Cloud::from_points(points) }, crs_wkt: None }
 }
 
 fn scans() -> Vec<e57::E57Scan> {
@@ -195,7 +195,7 @@ fn laspy_reads_the_octree_of_ours_by_level_and_box() {
     let mut cloud = Cloud { intensity: Some((0..250_001).map(|i| (i % 999) as f32).collect()), ..Cloud::from_points(points) };
     cloud.colours = Some(vec![[200, 100, 50]; 250_001]);
     cloud.points[77] = [f32::NAN; 3];
-    let survey = SurveyCloud { offset: [453_000.0, 0.0, 0.0], cloud };
+    let survey = SurveyCloud { offset: [453_000.0, 0.0, 0.0], cloud, crs_wkt: None };
     copc::write(&path, &survey).unwrap();
     assert_eq!(std::fs::read_dir(dir.path().join("deep")).unwrap().count(), 1, "no litter");
     let Some(said) = run_python("laspy, numpy", READ_OCTREE, &[&path]) else { return };

@@ -1,0 +1,4 @@
+//! A map's place on Earth.
+
+pub mod georeference;
+mod table;
