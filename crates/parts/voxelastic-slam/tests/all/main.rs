@@ -8,6 +8,7 @@ mod loops;
 mod lost;
 mod odometry;
 mod positions;
+mod positions;
 mod refine;
 mod storeys;
 mod wrong_closures;
