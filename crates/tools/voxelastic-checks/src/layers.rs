@@ -17,11 +17,15 @@ pub const CRATES: &[Layer] = &[
     ("voxelastic-eval", &["voxelastic", "voxelastic-files"]),
     ("voxelastic-sim", &["voxelastic", "voxelastic-files", "voxelastic-colour", "voxelastic-io"]),
     ("voxelastic-slam", &["voxelastic"]),
+    ("voxelastic-ground", &["voxelastic"]),
     ("voxelastic-plan", &["voxelastic"]),
     ("voxelastic-esdf", &["voxelastic"]),
     ("voxelastic-explore", &["voxelastic", "voxelastic-plan"]),
     ("voxelastic-report", &["voxelastic-eval"]),
-    ("voxelastic-run", &["voxelastic", "voxelastic-files", "voxelastic-io", "voxelastic-eval", "voxelastic-slam", "voxelastic-report"]),
+    (
+        "voxelastic-run",
+        &["voxelastic", "voxelastic-files", "voxelastic-ground", "voxelastic-io", "voxelastic-eval", "voxelastic-slam", "voxelastic-report"],
+    ),
     (
         "voxelastic-live",
         &[
@@ -29,6 +33,7 @@ pub const CRATES: &[Layer] = &[
             "voxelastic-io",
             "voxelastic-eval",
             "voxelastic-slam",
+            "voxelastic-ground",
             "voxelastic-plan",
             "voxelastic-esdf",
             "voxelastic-explore",
@@ -47,6 +52,7 @@ pub const CRATES: &[Layer] = &[
             "voxelastic-eval",
             "voxelastic-sim",
             "voxelastic-slam",
+            "voxelastic-ground",
             "voxelastic-plan",
             "voxelastic-esdf",
             "voxelastic-explore",
