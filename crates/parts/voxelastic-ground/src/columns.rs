@@ -203,3 +203,33 @@ fn stack(mut cubes: Vec<Cube>, cells: &Cells, lowest: i32) -> (Vec<u32>, Vec<Run
     }
     (starts, runs)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        /// Against a walk over all voxels.
+        #[test]
+        fn columns_side_by_side_are_joined_voxel_by_voxel(states in prop::collection::vec(prop::collection::vec(0..3u8, 12), 4)) {
+            let runs = |column: &Vec<u8>| -> Vec<Run> {
+                let mut low = 0;
+                let all = column.chunk_by(|a, b| a == b).map(|run| {
+                    low += run.len() as u16;
+                    (run[0], Run { low: low - run.len() as u16, high: low, occupied: run[0] == 2 })
+                });
+                all.filter(|(state, _)| *state > 0).map(|(_, run)| run).collect()
+            };
+            let columns: Vec<Vec<Run>> = states.iter().map(runs).collect();
+            let joined = join(&columns.iter().map(Vec::as_slice).collect::<Vec<_>>());
+            for z in 0..12 {
+                let here: Vec<u8> = states.iter().map(|column| column[z]).collect();
+                let expected = if here.contains(&2) { 2 } else { u8::from(!here.contains(&0)) };
+                let found = joined.iter().find(|run| (run.low..run.high).contains(&(z as u16)));
+                prop_assert_eq!(found.map_or(0, |run| 1 + u8::from(run.occupied)), expected);
+            }
+            prop_assert!(joined.windows(2).all(|pair| pair[0].high < pair[1].low || (pair[0].high == pair[1].low && pair[0].occupied != pair[1].occupied)));
+        }
+    }
+}

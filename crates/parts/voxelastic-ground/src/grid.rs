@@ -63,3 +63,19 @@ fn cell_state<I: Iterator<Item = Span>>(spans: &impl Fn() -> I, floor: &FloorCel
 fn falls_away(mut spans: impl Iterator<Item = Span>, low: f64, height: f64) -> bool {
     spans.any(|span| !span.occupied && span.low < low && span.high >= height)
 }
+
+impl Grid {
+    /// The same grid, enlarged by unknown cells so that its ends are at multiples of `block` cells: as a map grows, its origin seldom moves.
+    pub fn padded(&self, block: i32) -> Self {
+        let low = self.cells.low.map(|c| c.div_euclid(block) * block);
+        let high = [0, 1].map(|k| (self.cells.low[k] + self.cells.size[k] as i32 + block - 1).div_euclid(block) * block);
+        let cells = Cells { low, size: [0, 1].map(|k| (high[k] - low[k]) as usize), ..self.cells };
+        let mut padded = Self { cells, states: vec![State::Unknown; cells.count()], costs: vec![0; cells.count()] };
+        for (row, (states, costs)) in self.states.chunks(self.cells.size[0]).zip(self.costs.chunks(self.cells.size[0])).enumerate() {
+            let Some(first) = cells.index([self.cells.low[0], self.cells.low[1] + row as i32]) else { continue };
+            padded.states[first..first + states.len()].copy_from_slice(states);
+            padded.costs[first..first + costs.len()].copy_from_slice(costs);
+        }
+        padded
+    }
+}

@@ -57,6 +57,20 @@ impl Levels {
         found
     }
 
+    /// Levels at these heights, under the sky or the next.
+    #[cfg(test)]
+    pub(crate) fn at(heights: &[Vec<f32>]) -> Self {
+        let mut made = Self { starts: vec![0], levels: Vec::new() };
+        for cell in heights {
+            for (k, &height) in cell.iter().enumerate() {
+                let headroom = cell.get(k + 1).map_or(f32::INFINITY, |above| above - height - 0.2);
+                made.levels.push(Level { height, sigma: 0.01, top: height, headroom });
+            }
+            made.starts.push(made.levels.len() as u32);
+        }
+        made
+    }
+
     /// Numbers of the levels of a cell, from below.
     #[inline]
     pub fn of_cell(&self, cell: usize) -> std::ops::Range<usize> {

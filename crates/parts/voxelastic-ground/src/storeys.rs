@@ -158,3 +158,60 @@ fn median(all: &mut [f32]) -> f32 {
     let middle = all.len() / 2;
     *all.select_nth_unstable_by(middle, f32::total_cmp).1
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::connections::connections;
+    use crate::follow::reached;
+
+    const CELLS: Cells = Cells { edge: 0.25, low: [0, 0], size: [60, 40] };
+
+    /// The storey of each level by the heights of cells, given at their middles, followed from the first level.
+    fn divided(heights: impl Fn([f64; 2]) -> Vec<f32>) -> (Levels, Vec<u16>, usize) {
+        let levels = Levels::at(&(0..CELLS.count()).map(|cell| heights(CELLS.centre(cell))).collect::<Vec<_>>());
+        let is_floor = reached(&levels, &CELLS, &[0]);
+        let (of_level, count) = storeys(&levels, &CELLS, &is_floor);
+        (levels, of_level, count)
+    }
+
+    /// A floor at 0, a gallery at 3 m above its northern part, and a ramp beside them from one to the other.
+    fn gallery([x, y]: [f64; 2]) -> Vec<f32> {
+        let ramp = (0.3 * y) as f32;
+        if x > 13.0 { vec![ramp] } else if y > 9.9 && x > 12.0 { vec![0.0, 3.0] } else if y > 7.0 && x <= 12.0 { vec![0.0, 3.0] } else { vec![0.0] }
+    }
+
+    #[test]
+    fn floors_above_each_other_are_storeys_and_a_ramp_is_cut_in_its_middle() {
+        let (levels, of_level, count) = divided(gallery);
+        assert_eq!(count, 2);
+        for cell in 0..CELLS.count() {
+            let [x, y] = CELLS.centre(cell);
+            for k in levels.of_cell(cell) {
+                let height = levels.all()[k].height;
+                if x <= 13.0 {
+                    assert_eq!(of_level[k], u16::from(height > 1.5), "({x}, {y}), {height}");
+                } else if (height - 1.5).abs() > 0.2 {
+                    assert_eq!(of_level[k], u16::from(height > 1.5), "({x}, {y}), {height}");
+                }
+            }
+        }
+        let places = connections(&levels, &CELLS, &of_level);
+        assert_eq!(places.len(), 1, "{places:?}");
+        assert!(places[0].storeys == [0, 1] && (places[0].at[2] - 1.5).abs() < 0.3 && places[0].at[0] > 13.0, "{places:?}");
+    }
+
+    #[test]
+    fn a_hill_is_one_storey_however_high() {
+        let (_, of_level, count) = divided(|[x, y]| vec![(0.8 * x + 0.2 * y) as f32]);
+        assert_eq!((count, of_level.iter().all(|storey| *storey == 0)), (1, true));
+    }
+
+    #[test]
+    fn tables_are_not_reached() {
+        let (levels, of_level, count) = divided(|[x, y]| if (x - 5.0).hypot(y - 5.0) < 1.0 { vec![0.0, 0.75] } else { vec![0.0] });
+        assert_eq!(count, 1);
+        let on_table = |k: usize| levels.all()[k].height > 0.5;
+        assert!((0..of_level.len()).all(|k| (of_level[k] == NO_STOREY) == on_table(k)));
+    }
+}

@@ -19,7 +19,7 @@ use voxelastic_ground::Body;
 /// in none, and absent otherwise. Resampling of rotated submaps loses no occupied voxel.
 ///
 /// 2-D maps (map.yaml with an image, as map_server and Nav2 load them) are made of occupancy, too: the floor is followed from below the sensor's way over ramps and kerbs, and a cell is
-/// occupied if anything stands between --step and --robot-height above the floor or the floor is steeper than the robot climbs, free only where all of that was seen free, else unknown.
+/// occupied if anything stands between --step and --body-height above the floor or the floor is steeper than the robot climbs, free only where all of that was seen free, else unknown.
 /// A building with several storeys gets map_0.yaml, map_1.yaml, .. from below; map.json says how high they are and where they connect.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
@@ -28,7 +28,7 @@ use voxelastic_ground::Body;
   voxelastic export hall.vox -o hall.copc.laz          a cloud of which viewers load what they show
   voxelastic export hall.vox -o tiles/                 the surface in tiles, with a page: python3 -m http.server -d tiles
   voxelastic export hall.vox -o hall.bt                free and occupied, smallest
-  voxelastic export hall.vox -o map.yaml --resolution 0.05 --robot-height 0.6  a map for Nav2
+  voxelastic export hall.vox -o map.yaml --resolution 0.05 --body-height 0.6  a map for Nav2
   voxelastic export hall.vox -o hall.ot --voxel-size 0.2  with log-odds, coarser")]
 pub struct ExportArgs {
     /// The map
@@ -63,7 +63,7 @@ pub struct GroundArgs {
     pub resolution: Option<f64>,
     /// Height of the robot above the floor, metres: what is higher is no obstacle [default: 1]
     #[arg(long, value_name = "M")]
-    pub robot_height: Option<f64>,
+    pub body_height: Option<f64>,
     /// Largest step that the robot climbs, metres: what is lower is no obstacle [default: 0.1]
     #[arg(long, value_name = "M")]
     pub step: Option<f64>,
@@ -80,7 +80,7 @@ impl GroundArgs {
     pub fn given(&self) -> Option<&'static str> {
         let given = [
             ("--resolution", self.resolution.is_some()),
-            ("--robot-height", self.robot_height.is_some()),
+            ("--body-height", self.body_height.is_some()),
             ("--step", self.step.is_some()),
             ("--slope", self.slope.is_some()),
             ("--mode", self.mode.is_some()),
@@ -92,7 +92,7 @@ impl GroundArgs {
     pub fn body(&self) -> Body {
         let usual = Body::default();
         Body {
-            height: self.robot_height.unwrap_or(usual.height),
+            height: self.body_height.unwrap_or(usual.height),
             step: self.step.unwrap_or(usual.step),
             slope: self.slope.map_or(usual.slope, f64::to_radians),
         }
