@@ -32,11 +32,12 @@ struct Crossing {
 /// Where levels of two storeys are next to each other.
 pub(crate) fn connections(levels: &Levels, cells: &Cells, of_level: &[u16]) -> Vec<Connection> {
     let mut pairs: BTreeMap<[u16; 2], Vec<Crossing>> = BTreeMap::new();
+    let is_floor: Vec<bool> = of_level.iter().map(|storey| *storey != NO_STOREY).collect();
     for cell in 0..cells.count() {
         for k in levels.of_cell(cell).filter(|k| of_level[*k] != NO_STOREY) {
             let height = levels.all()[k].height;
-            neighbours(levels, cells, cell, height, |other, _| {
-                if of_level[other] != NO_STOREY && of_level[other] > of_level[k] {
+            neighbours(levels, cells, &is_floor, (cell, height), |other| {
+                if of_level[other] > of_level[k] {
                     let step = (levels.all()[other].height - height).abs();
                     pairs.entry([of_level[k], of_level[other]]).or_default().push(Crossing { cell, height, step });
                 }

@@ -15,24 +15,23 @@ const FILLED_GAP: f64 = 1.0;
 const BEYOND: f64 = 1.5;
 /// A step is the difference of heights within this distance, metres.
 const STRIDE: f64 = 0.125;
-/// What is cut off by steps is floor if it is at least this large, square metres, or if the sensor was on it: else it is a box.
+/// What is cut off by steps is floor if it is at least this large, square metres: else it is a box, or a step of a staircase.
 const LEAST_FLOOR: f64 = 1.0;
 /// How fast a height that was filled in becomes uncertain, metres per metre.
 const DRIFT: f32 = 0.05;
 
 /// The floor of a storey whose levels are `of_cell`, by cell.
-pub(crate) fn floor(cells: &Cells, levels: &Levels, of_cell: &[Option<u32>], is_seed: &[bool], body: &Body) -> Vec<FloorCell> {
+pub(crate) fn floor(cells: &Cells, levels: &Levels, of_cell: &[Option<u32>], body: &Body) -> Vec<FloorCell> {
     let seen = |level: &Option<u32>| match level {
         Some(k) => {
             let level = &levels.all()[*k as usize];
-            FloorCell { height: level.height, sigma: level.sigma, top: level.top, headroom: level.headroom, known: Known::Seen, difficulty: 0.0 }
+            FloorCell { height: level.height, sigma: level.sigma, top: level.top, headroom: level.headroom, known: Known::Seen, ..FloorCell::NONE }
         }
         None => FloorCell::NONE,
     };
     let mut floor: Vec<FloorCell> = of_cell.iter().map(seen).collect();
     mark_steep(cells, &mut floor, body);
-    let seeds: Vec<bool> = of_cell.iter().map(|level| level.is_some_and(|k| is_seed[k as usize])).collect();
-    remove_boxes(cells, &mut floor, &seeds, body);
+    remove_boxes(cells, &mut floor, body);
     fill_between(cells, &mut floor);
     fill_beyond(cells, &mut floor);
     floor
@@ -56,8 +55,8 @@ fn mark_steep(cells: &Cells, floor: &mut [FloorCell], body: &Body) {
     floor.iter_mut().zip(found).for_each(|(cell, difficulty)| cell.difficulty = difficulty);
 }
 
-/// What no step leads to and no sensor was on is no floor if it is small: the top of a box or a bush.
-fn remove_boxes(cells: &Cells, floor: &mut [FloorCell], seeds: &[bool], body: &Body) {
+/// What no step leads to is no floor if it is small: the top of a box or a bush.
+fn remove_boxes(cells: &Cells, floor: &mut [FloorCell], body: &Body) {
     let mut is_visited = vec![false; floor.len()];
     let reach = cells.reach(STRIDE);
     let least = (LEAST_FLOOR / (cells.edge * cells.edge)) as usize;
@@ -83,7 +82,7 @@ fn remove_boxes(cells: &Cells, floor: &mut [FloorCell], seeds: &[bool], body: &B
                 }
             }
         }
-        if part.len() < least && !part.iter().any(|cell| seeds[*cell]) {
+        if part.len() < least {
             part.iter().for_each(|cell| floor[*cell] = FloorCell::NONE);
         }
     }
@@ -95,7 +94,7 @@ fn fill_between(cells: &Cells, floor: &mut [FloorCell]) {
     let seen = |cell: usize, by: [i32; 2]| {
         (1..=reach).find_map(|step| {
             let other = floor[cells.beside(cell, [by[0] * step, by[1] * step])?];
-            (other.known == Known::Seen).then_some((step, other))
+            (other.known == Known::Seen && !other.is_steep()).then_some((step, other))
         })
     };
     let fill = |cell: usize| {
@@ -109,7 +108,7 @@ fn fill_between(cells: &Cells, floor: &mut [FloorCell]) {
         let height = one.height + share * (other.height - one.height);
         let distance = a.min(b) as f32 * cells.edge as f32;
         let sigma = one.sigma.max(other.sigma).hypot(DRIFT * distance);
-        Some(FloorCell { height, sigma, top: height, headroom: f32::NAN, known: Known::Between, difficulty: 0.0 })
+        Some(FloorCell { height, sigma, top: height, known: Known::Between, ..FloorCell::NONE })
     };
     let filled: Vec<Option<FloorCell>> = (0..floor.len()).map(fill).collect();
     floor.iter_mut().zip(filled).for_each(|(cell, filled)| *cell = filled.unwrap_or(*cell));
@@ -128,7 +127,8 @@ fn fill_beyond(cells: &Cells, floor: &mut [FloorCell]) {
             let Some(other) = cells.beside(cell, *by).filter(|other| floor[*other].known == Known::No) else { continue };
             let from = floor[cell];
             let sigma = from.sigma.hypot(DRIFT * cells.edge as f32);
-            floor[other] = FloorCell { top: from.height, headroom: f32::NAN, known: Known::Beyond, sigma, ..from };
+            let beyond = from.beyond + cells.edge as f32;
+            floor[other] = FloorCell { height: from.height, top: from.height, sigma, known: Known::Beyond, beyond, ..FloorCell::NONE };
             queue.push_back((other, steps + 1));
         }
     }

@@ -30,10 +30,13 @@ pub struct FloorCell {
     /// How much of what the robot climbs the floor takes: its largest fall within an eighth of a metre as a share of the robot's step, or its slope as a share of the robot's,
     /// whichever is more; beyond 1 it cannot go there.
     pub difficulty: f32,
+    /// How far from the last floor that was seen it is, along cells, if it is [beyond](Known::Beyond) that; else 0; metres.
+    pub beyond: f32,
 }
 
 impl FloorCell {
-    pub(crate) const NONE: Self = Self { height: f32::NAN, sigma: f32::NAN, top: f32::NAN, headroom: f32::NAN, known: Known::No, difficulty: 0.0 };
+    pub(crate) const NONE: Self =
+        Self { height: f32::NAN, sigma: f32::NAN, top: f32::NAN, headroom: f32::NAN, known: Known::No, difficulty: 0.0, beyond: 0.0 };
 
     /// Whether it is steeper than the robot climbs.
     pub fn is_steep(&self) -> bool {

@@ -1,7 +1,8 @@
 //! Follows the floor from below the sensor's way to all that is connected with it.
 
 use crate::cells::{AROUND, Cells};
-use crate::levels::Levels;
+use crate::levels::{Level, Levels};
+use rayon::prelude::*;
 use std::collections::VecDeque;
 
 /// Where the floor rises or falls by no more than this to the next cell, it goes on: a step of a staircase, metres.
@@ -14,21 +15,25 @@ const ASIDE: f64 = 1.5;
 const MOST_DEPTH: f64 = 20.0;
 /// The floor is as far below the sensor as it mostly is, plus or minus this, metres.
 const USUAL: f64 = 0.5;
+/// A foot is as large as this around its middle, metres; heights around it differ by no more than [`EVEN`] on at least [`EVEN_SHARE`] of what is within [`NEAR`] of its height.
+const FOOT: f64 = 0.13;
+const EVEN: f32 = 0.1;
+const NEAR: f32 = 0.5;
+const EVEN_SHARE: f64 = 0.4;
 /// A floor has at least this much space above it, metres.
-pub(crate) const LEAST_HEADROOM: f32 = 0.3;
+const LEAST_HEADROOM: f32 = 0.3;
 
-/// Calls `visit` with the levels beside a level that the floor goes on to.
-pub(crate) fn neighbours(levels: &Levels, cells: &Cells, cell: usize, height: f32, mut visit: impl FnMut(usize, usize)) {
+/// Calls `visit` with the levels beside a level that the floor goes on to, of those that `may_be` floor.
+pub(crate) fn neighbours(levels: &Levels, cells: &Cells, may_be: &[bool], (cell, height): (usize, f32), mut visit: impl FnMut(usize)) {
     let reach = cells.reach(PASSED_GAP);
     for [dx, dy] in AROUND {
         for step in 1..=reach {
             let Some(beside) = cells.beside(cell, [dx * step, dy * step]) else { break };
             let mut found = false;
             for k in levels.of_cell(beside) {
-                let level = &levels.all()[k];
-                if (level.height - height).abs() <= FOLLOWED_STEP && level.headroom >= LEAST_HEADROOM {
+                if may_be[k] && (levels.all()[k].height - height).abs() <= FOLLOWED_STEP {
                     found = true;
-                    visit(k, beside);
+                    visit(k);
                 }
             }
             if found {
@@ -64,9 +69,31 @@ pub(crate) fn levels_below(levels: &Levels, cells: &Cells, places: &[[f64; 3]]) 
     places.iter().map(find).collect()
 }
 
-/// Which levels are floor: those that are connected with one of `seeds`.
+/// Which levels a foot finds hold on: among the levels around them, enough are as high. So steps of a staircase are, and what sticks out of a wall is not.
+fn footholds(levels: &Levels, cells: &Cells, cell_of: &[u32]) -> Vec<bool> {
+    let reach = cells.reach(FOOT);
+    let around: Vec<[i32; 2]> = (-reach..=reach).flat_map(|x| (-reach..=reach).map(move |y| [x, y])).collect();
+    let is_foothold = |k: usize| {
+        let Level { height, headroom, .. } = levels.all()[k];
+        if headroom < LEAST_HEADROOM {
+            return false;
+        }
+        let near = around.iter().filter_map(|by| cells.beside(cell_of[k] as usize, *by)).flat_map(|cell| levels.of_cell(cell));
+        let (mut all, mut even) = (0, 0);
+        for other in near {
+            let off = (levels.all()[other].height - height).abs();
+            all += usize::from(off <= NEAR);
+            even += usize::from(off <= EVEN);
+        }
+        even > reach as usize && even as f64 >= EVEN_SHARE * all as f64
+    };
+    (0..levels.all().len()).into_par_iter().map(is_foothold).collect()
+}
+
+/// Which levels are floor: those on which there is hold and that are connected with one of `seeds`.
 pub(crate) fn reached(levels: &Levels, cells: &Cells, seeds: &[usize]) -> Vec<bool> {
     let cell_of = levels.cells();
+    let footholds = footholds(levels, cells, &cell_of);
     let mut is_reached = vec![false; levels.all().len()];
     let mut queue = VecDeque::new();
     for &seed in seeds {
@@ -75,7 +102,7 @@ pub(crate) fn reached(levels: &Levels, cells: &Cells, seeds: &[usize]) -> Vec<bo
         }
     }
     while let Some(k) = queue.pop_front() {
-        neighbours(levels, cells, cell_of[k] as usize, levels.all()[k].height, |other, _| {
+        neighbours(levels, cells, &footholds, (cell_of[k] as usize, levels.all()[k].height), |other| {
             if !std::mem::replace(&mut is_reached[other], true) {
                 queue.push_back(other);
             }

@@ -34,6 +34,9 @@ impl Grid {
     }
 }
 
+/// Where the floor falls away it is occupied this far beyond the last floor that was seen, metres: farther, nobody knows.
+const EDGE: f32 = 0.3;
+
 /// The state of a cell for a robot that comes over the floor around it.
 ///
 /// It is occupied where the floor is steeper than the robot climbs, where anything is in the band between the robot's step and its height above the floor, and where the
@@ -50,7 +53,7 @@ fn cell_state<I: Iterator<Item = Span>>(spans: &impl Fn() -> I, floor: &FloorCel
             let from = (height + body.step).max(f64::from(floor.top));
             if from < to { band(spans(), from, to) } else { State::Unknown }
         }
-        Known::Between | Known::Beyond if falls_away(spans(), height - lowest, height) => State::Occupied,
+        Known::Between | Known::Beyond if floor.beyond <= EDGE && falls_away(spans(), height - lowest, height) => State::Occupied,
         Known::Between => band(spans(), height + lowest, to),
         Known::Beyond => match band(spans(), height + lowest, to) {
             State::Occupied => State::Occupied,

@@ -39,11 +39,9 @@ impl Ground {
             return Err(GroundError::NoFloor { scans: places.len() });
         }
         let is_floor = reached(&levels, &cells, &seeds);
-        let (of_level, count) = storeys(&levels, &cells, &is_floor);
-        let mut is_seed = vec![false; is_floor.len()];
-        seeds.into_iter().for_each(|k| is_seed[k] = true);
+        let (of_level, count) = storeys(&levels, &cells, &is_floor, &seeds);
         let connections = connections(&levels, &cells, &of_level);
-        let storeys = (0..count).filter_map(|storey| Storey::new(&cells, &levels, &of_level, storey as u16, &is_seed, body)).collect();
+        let storeys = (0..count).filter_map(|storey| Storey::new(&cells, &levels, &of_level, storey as u16, body)).collect();
         Ok(Self { columns, storeys, connections, body: *body })
     }
 

@@ -23,12 +23,12 @@ pub struct Storey {
 
 impl Storey {
     /// None if nothing of it is floor.
-    pub(crate) fn new(all: &Cells, levels: &Levels, of_level: &[u16], storey: u16, is_seed: &[bool], body: &Body) -> Option<Self> {
+    pub(crate) fn new(all: &Cells, levels: &Levels, of_level: &[u16], storey: u16, body: &Body) -> Option<Self> {
         debug_assert_ne!(storey, NO_STOREY);
         let level_of = |cell: usize| levels.of_cell(cell).find(|k| of_level[*k] == storey);
         let cells = part_of(all, (0..all.count()).filter(|cell| level_of(*cell).is_some()))?;
         let of_cell: Vec<Option<u32>> = (0..cells.count()).map(|cell| Some(level_of(whole_index(all, &cells, cell)?)? as u32)).collect();
-        let floor = floor(&cells, levels, &of_cell, is_seed, body);
+        let floor = floor(&cells, levels, &of_cell, body);
         let mut heights: Vec<f32> = floor.iter().filter(|cell| cell.known == Known::Seen).map(|cell| cell.height).collect();
         let middle = heights.len() / 2;
         let height = if heights.is_empty() { return None } else { *heights.select_nth_unstable_by(middle, f32::total_cmp).1 };

@@ -18,11 +18,13 @@ const BIN: f64 = 0.1;
 const LEAST_AREA: f64 = 2.0;
 /// Cost of a metre along the floor; one of a metre up or down is 1.
 const ALONG: f64 = 0.01;
+/// A storey that no sensor was on is at least this large, square metres.
+const LEAST_STOREY: f64 = 10.0;
 /// Most storeys.
 const MOST: usize = 1000;
 
 /// The storey of each level, from the lowest up; none of levels that are no floor. Every storey has at most one level in a cell.
-pub(crate) fn storeys(levels: &Levels, cells: &Cells, is_floor: &[bool]) -> (Vec<u16>, usize) {
+pub(crate) fn storeys(levels: &Levels, cells: &Cells, is_floor: &[bool], seeds: &[usize]) -> (Vec<u16>, usize) {
     let cell_of = levels.cells();
     let overlap = area_twice(levels, cells, is_floor);
     let parts = if overlap > ABOVE_EACH_OTHER {
@@ -32,6 +34,7 @@ pub(crate) fn storeys(levels: &Levels, cells: &Cells, is_floor: &[bool]) -> (Vec
         is_floor.iter().map(|floor| if *floor { 0 } else { NO_STOREY }).collect()
     };
     let mut of_level = joined(cells, &cell_of, parts);
+    drop_small(cells, seeds, &mut of_level);
     keep_one(levels, cells, &mut of_level);
     in_order(levels, of_level)
 }
@@ -81,10 +84,10 @@ fn spread(levels: &Levels, cells: &Cells, cell_of: &[u32], is_floor: &[bool], he
             continue;
         }
         let (height, part) = (levels.all()[k].height, of_level[k]);
-        neighbours(levels, cells, cell_of[k] as usize, height, |other, _| {
+        neighbours(levels, cells, is_floor, (cell_of[k] as usize, height), |other| {
             let rise = (levels.all()[other].height - height).abs();
             let next = cost + rise + (ALONG * cells.edge) as f32;
-            if is_floor[other] && next < costs[other] {
+            if next < costs[other] {
                 (of_level[other], costs[other]) = (part, next);
                 // Positive numbers are in the order of their bits.
                 queue.push(Reverse((next.to_bits(), other)));
@@ -119,6 +122,16 @@ fn joined(cells: &Cells, cell_of: &[u32], parts: Vec<u16>) -> Vec<u16> {
         group_of[part] = group as u16;
     }
     parts.into_iter().map(|part| if part == NO_STOREY { NO_STOREY } else { group_of[usize::from(part)] }).collect()
+}
+
+/// What no sensor was on is no storey if it is small: a ledge, a balcony.
+fn drop_small(cells: &Cells, seeds: &[usize], of_level: &mut [u16]) {
+    let mut counts: BTreeMap<u16, usize> = BTreeMap::new();
+    of_level.iter().for_each(|storey| *counts.entry(*storey).or_default() += 1);
+    let least = LEAST_STOREY / (cells.edge * cells.edge);
+    let is_kept = |storey: u16| counts.get(&storey).is_some_and(|count| *count as f64 >= least) || seeds.iter().any(|k| of_level[*k] == storey);
+    let dropped: Vec<u16> = counts.keys().copied().filter(|storey| !is_kept(*storey)).collect();
+    of_level.iter_mut().filter(|storey| dropped.contains(*storey)).for_each(|storey| *storey = NO_STOREY);
 }
 
 /// Where a storey has several levels in a cell, it keeps the one with the most room above it, the lowest of equals.
@@ -171,14 +184,22 @@ mod tests {
     fn divided(heights: impl Fn([f64; 2]) -> Vec<f32>) -> (Levels, Vec<u16>, usize) {
         let levels = Levels::at(&(0..CELLS.count()).map(|cell| heights(CELLS.centre(cell))).collect::<Vec<_>>());
         let is_floor = reached(&levels, &CELLS, &[0]);
-        let (of_level, count) = storeys(&levels, &CELLS, &is_floor);
+        let (of_level, count) = storeys(&levels, &CELLS, &is_floor, &[0]);
         (levels, of_level, count)
     }
 
     /// A floor at 0, a gallery at 3 m above its northern part, and a ramp beside them from one to the other.
     fn gallery([x, y]: [f64; 2]) -> Vec<f32> {
         let ramp = (0.3 * y) as f32;
-        if x > 13.0 { vec![ramp] } else if y > 9.9 && x > 12.0 { vec![0.0, 3.0] } else if y > 7.0 && x <= 12.0 { vec![0.0, 3.0] } else { vec![0.0] }
+        if x > 13.0 {
+            vec![ramp]
+        } else if y > 9.9 && x > 12.0 {
+            vec![0.0, 3.0]
+        } else if y > 7.0 && x <= 12.0 {
+            vec![0.0, 3.0]
+        } else {
+            vec![0.0]
+        }
     }
 
     #[test]
