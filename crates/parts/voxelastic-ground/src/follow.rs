@@ -15,9 +15,10 @@ const ASIDE: f64 = 1.5;
 const MOST_DEPTH: f64 = 20.0;
 /// The floor is as far below the sensor as it mostly is, plus or minus this, metres.
 const USUAL: f64 = 0.5;
-/// A foot is as large as this around its middle, metres; heights around it differ by no more than [`EVEN`] on at least [`EVEN_SHARE`] of what is within [`NEAR`] of its height.
+/// A foot is as large as this around its middle, metres; heights around it differ by no more than [`EVEN`], or a slope of [`STEEPEST`] in larger cells, on at least [`EVEN_SHARE`] of what is within [`NEAR`] of its height.
 const FOOT: f64 = 0.13;
 const EVEN: f32 = 0.1;
+const STEEPEST: f64 = 0.8;
 const NEAR: f32 = 0.5;
 const EVEN_SHARE: f64 = 0.4;
 /// A floor has at least this much space above it, metres.
@@ -72,6 +73,7 @@ pub(crate) fn levels_below(levels: &Levels, cells: &Cells, places: &[[f64; 3]]) 
 /// Which levels a foot finds hold on: among the levels around them, enough are as high. So steps of a staircase are, and what sticks out of a wall is not.
 fn footholds(levels: &Levels, cells: &Cells, cell_of: &[u32]) -> Vec<bool> {
     let reach = cells.reach(FOOT);
+    let even_within = EVEN.max((STEEPEST * f64::from(reach) * cells.edge) as f32);
     let around: Vec<[i32; 2]> = (-reach..=reach).flat_map(|x| (-reach..=reach).map(move |y| [x, y])).collect();
     let is_foothold = |k: usize| {
         let Level { height, headroom, .. } = levels.all()[k];
@@ -83,7 +85,7 @@ fn footholds(levels: &Levels, cells: &Cells, cell_of: &[u32]) -> Vec<bool> {
         for other in near {
             let off = (levels.all()[other].height - height).abs();
             all += usize::from(off <= NEAR);
-            even += usize::from(off <= EVEN);
+            even += usize::from(off <= even_within);
         }
         even > reach as usize && even as f64 >= EVEN_SHARE * all as f64
     };

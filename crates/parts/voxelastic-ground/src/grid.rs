@@ -4,6 +4,7 @@ use crate::cells::Cells;
 use crate::column::{Span, band};
 use crate::columns::Columns;
 use crate::floor_cell::{FloorCell, Known};
+use crate::levels::GAP;
 use crate::robot::Body;
 use crate::storey::{Storey, whole_index};
 use rayon::prelude::*;
@@ -51,11 +52,12 @@ fn cell_state<I: Iterator<Item = Span>>(spans: &impl Fn() -> I, floor: &FloorCel
         Known::Seen if floor.is_steep() => State::Occupied,
         Known::Seen => {
             let from = (height + body.step).max(f64::from(floor.top));
-            if from < to { band(spans(), from, to) } else { State::Unknown }
+            // The floor was seen, so nothing stands on it, also where the beams are too far apart to show that the space right above it is free.
+            if from < to { band(spans(), [from, to], f64::from(floor.top) + GAP) } else { State::Unknown }
         }
         Known::Between | Known::Beyond if floor.beyond <= EDGE && falls_away(spans(), height - lowest, height) => State::Occupied,
-        Known::Between => band(spans(), height + lowest, to),
-        Known::Beyond => match band(spans(), height + lowest, to) {
+        Known::Between => band(spans(), [height + lowest, to], height),
+        Known::Beyond => match band(spans(), [height + lowest, to], height) {
             State::Occupied => State::Occupied,
             _ => State::Unknown,
         },

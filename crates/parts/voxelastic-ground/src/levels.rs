@@ -4,8 +4,8 @@ use crate::columns::Columns;
 use rayon::prelude::*;
 use voxelastic::query::DistanceQuery;
 
-/// Free space above a level begins no higher than this many voxels above what carries it: in between nothing is known.
-const GAP: f64 = 3.0;
+/// Free space above a level begins no higher than this above what carries it, metres: in between nothing is known, as beams that meet a floor at a flat angle are far apart.
+pub(crate) const GAP: f64 = 0.4;
 /// Least free space above a level, metres.
 const LEAST_FREE: f64 = 0.2;
 /// A surface is looked for this many voxels above the top of what is occupied ...
@@ -132,7 +132,7 @@ fn carrier_low(columns: &Columns, cell: usize, level: &Level) -> f64 {
 }
 
 fn levels_of(columns: &Columns, cell: usize) -> Vec<Level> {
-    let gap = GAP * columns.voxel() + 1e-6;
+    let gap = GAP + 1e-6;
     let sigma = columns.voxel() / 12f64.sqrt();
     let spans: Vec<_> = columns.spans(cell).collect();
     let mut levels = Vec::new();

@@ -11,7 +11,7 @@ pub(crate) const NO_STOREY: u16 = u16::MAX;
 /// Floors are above each other where they are so over more than this area, square metres.
 const ABOVE_EACH_OTHER: f64 = 3.0;
 /// Heights that most of a floor has are at least this far apart, metres.
-const APART: f64 = 1.5;
+const APART: f64 = 1.8;
 /// Heights are counted in bins of this, metres.
 const BIN: f64 = 0.1;
 /// A height counts if at least this area has it, square metres.
@@ -193,7 +193,7 @@ mod tests {
         let ramp = (0.3 * y) as f32;
         if x > 13.0 {
             vec![ramp]
-        } else if y > 9.9 && x > 12.0 {
+        } else if y > 9.0 && x > 12.0 {
             vec![0.0, 3.0]
         } else if y > 7.0 && x <= 12.0 {
             vec![0.0, 3.0]
@@ -224,7 +224,7 @@ mod tests {
 
     #[test]
     fn a_hill_is_one_storey_however_high() {
-        let (_, of_level, count) = divided(|[x, y]| vec![(0.8 * x + 0.2 * y) as f32]);
+        let (_, of_level, count) = divided(|[x, y]| vec![(0.6 * x + 0.2 * y) as f32]);
         assert_eq!((count, of_level.iter().all(|storey| *storey == 0)), (1, true));
     }
 
