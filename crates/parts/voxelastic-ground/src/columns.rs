@@ -150,10 +150,9 @@ impl Bounds {
     fn of(cubes: &[Cube]) -> Option<Self> {
         let mut bounds = Self { low: [i32::MAX; 3], high: [i32::MIN; 3] };
         for cube in cubes {
-            let at = corner(cube);
-            for k in 0..3 {
-                bounds.low[k] = bounds.low[k].min(at[k]);
-                bounds.high[k] = bounds.high[k].max(at[k] + (1 << cube.level));
+            for (k, low) in corner(cube).into_iter().enumerate() {
+                bounds.low[k] = bounds.low[k].min(low);
+                bounds.high[k] = bounds.high[k].max(low + (1 << cube.level));
             }
         }
         (!cubes.is_empty()).then_some(bounds)
