@@ -18,7 +18,8 @@
 //!
 //! # What it writes
 //!
-//! [`store`] saves and reopens maps. [`mesh_io`] writes meshes as PLY and GLB, [`tiles`] maps too large to download as 3D Tiles, [`octomap`] occupancy for OctoMap. [`pcd::write`],
+//! [`store`] saves and reopens maps. [`mesh_io`] writes meshes as PLY and GLB, [`tiles`] maps too large to download as 3D Tiles, [`octomap`] occupancy for OctoMap,
+//! [`raster`] 2-D maps for robots. [`pcd::write`],
 //! [`poses::write_tum`], [`poses::write_kitti`], [`g2o::write`] and [`survey`] write what the readers accept.
 //!
 //! # How data flows
@@ -96,6 +97,7 @@ pub mod ply;
 mod points;
 mod pose_check;
 pub mod poses;
+pub mod raster;
 pub mod raw;
 mod read_ahead;
 mod read_position;

@@ -1,13 +1,15 @@
-//! Maps in the formats of other programs: clouds of the surface, OctoMaps of free space, and the surface in tiles.
+//! Maps in the formats of other programs: clouds of the surface, OctoMaps of free space, 2-D maps of the floor, and the surface in tiles.
 
 pub mod cloud;
+pub mod grid;
 pub mod octomap;
 pub mod tiles;
 
 use std::path::Path;
 
 /// What helps where no format is known.
-pub const FORMATS: &str = "use the extension .ply, .pcd, .las, .laz, .copc.laz, .e57, .bt or .ot, or end a folder for tiles with a slash: tiles/";
+pub const FORMATS: &str =
+    "use the extension .ply, .pcd, .las, .laz, .copc.laz, .e57, .bt, .ot or .yaml, or end a folder for tiles with a slash: tiles/";
 
 /// File formats that maps are exported to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -17,6 +19,8 @@ pub enum Format {
         /// Whether it has states only.
         states_only: bool,
     },
+    /// 2-D maps of the floor.
+    Grid,
     /// Points.
     Cloud(cloud::Format),
     /// A folder of 3D Tiles.
@@ -38,6 +42,7 @@ impl Format {
         let ending = path.extension()?.to_str()?.to_lowercase();
         Some(match ending.as_str() {
             "bt" => Self::Octomap { states_only: true },
+            "yaml" => Self::Grid,
             "ot" => Self::Octomap { states_only: false },
             other => Self::Cloud(cloud::Format::of(other)?),
         })
@@ -55,6 +60,7 @@ mod tests {
         assert_eq!(of("hall.ot"), Some(Format::Octomap { states_only: false }));
         assert_eq!(of("hall.copc.laz"), Some(Format::Cloud(cloud::Format::Copc)));
         assert_eq!([of("hall.laz"), of("hall.las")], [Some(Format::Cloud(cloud::Format::Las)); 2]);
+        assert_eq!(of("map.yaml"), Some(Format::Grid));
         assert_eq!(of("there/is/none/"), Some(Format::Tiles));
         assert_eq!([of("hall"), of("hall.obj"), of("")], [None; 3]);
     }

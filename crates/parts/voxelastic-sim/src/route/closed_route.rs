@@ -14,6 +14,9 @@ struct Segment {
     curvature: f64,
 }
 
+/// Distance between the heights of a profile, metres.
+const PROFILE_STEP: f64 = 0.02;
+
 /// A closed smooth curve in the plane of straight lines and circular arcs, parametrised by arc length over any number of laps.
 ///
 /// Unlike a spline through waypoints it has straight segments, which narrow doorways need.
@@ -21,6 +24,8 @@ struct Segment {
 pub struct Route {
     segments: Vec<Segment>,
     length: f64,
+    /// Height of the floor every [`PROFILE_STEP`] of a lap, metres; empty for level ground at zero.
+    profile: Vec<f64>,
 }
 
 impl Route {
@@ -33,7 +38,7 @@ impl Route {
         if count < 3 {
             let centre = corners.first().copied().unwrap_or_default();
             let around = Segment { start: 0.0, length: TAU * radius, from: [centre[0], centre[1] - radius], heading: 0.0, curvature: 1.0 / radius };
-            return Self { segments: vec![around], length: TAU * radius };
+            return Self { segments: vec![around], length: TAU * radius, profile: Vec::new() };
         }
         let side = |k: usize| {
             let (a, b) = (corners[k % count], corners[(k + 1) % count]);
@@ -49,7 +54,7 @@ impl Route {
                 (cut, turn)
             })
             .collect();
-        let mut route = Self { segments: Vec::with_capacity(2 * count), length: 0.0 };
+        let mut route = Self { segments: Vec::with_capacity(2 * count), length: 0.0, profile: Vec::new() };
         for k in 0..count {
             let (heading, length) = side(k);
             let behind = arcs[(k + count - 1) % count].0;
@@ -70,6 +75,22 @@ impl Route {
     fn push(&mut self, segment: Segment) {
         self.segments.push(Segment { start: self.length, ..segment });
         self.length += segment.length;
+    }
+
+    /// The route over a floor, whose height is asked for along a lap, point by point.
+    pub fn over(mut self, mut floor: impl FnMut([f64; 2]) -> f64) -> Self {
+        let steps = (self.length / PROFILE_STEP).ceil() as usize;
+        self.profile = (0..steps).map(|k| floor(self.at(k as f64 * PROFILE_STEP).0)).collect();
+        self
+    }
+
+    /// Height of the floor after `travelled` metres, metres.
+    pub fn floor(&self, travelled: f64) -> f64 {
+        let Some(last) = self.profile.len().checked_sub(1) else { return 0.0 };
+        let at = travelled.rem_euclid(self.length) / PROFILE_STEP;
+        let k = (at as usize).min(last);
+        let (here, next) = (self.profile[k], self.profile[if k == last { 0 } else { k + 1 }]);
+        here + (at - k as f64).clamp(0.0, 1.0) * (next - here)
     }
 
     /// Length of one lap, metres.

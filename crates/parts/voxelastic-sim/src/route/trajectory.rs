@@ -79,7 +79,7 @@ impl Trajectory {
         let pitch = tilt * (0.6 * (2.0 * phase + 0.3).sin() + 0.4 * (phase / 6.1).cos());
         let yaw = 0.5 * tilt * (0.5 * (phase + 1.9).sin() + 0.5 * (phase / 4.3).sin()) + look * (TAU * moving / LOOK_PERIOD_S).sin();
         let (sin, cos) = heading.sin_cos();
-        let translation = Translation3::new(x - sin * side, y + cos * side, height + up);
+        let translation = Translation3::new(x - sin * side, y + cos * side, self.route.floor(travelled) + height + up);
         Pose::from_parts(translation, UnitQuaternion::from_euler_angles(roll, pitch, heading + yaw))
     }
 

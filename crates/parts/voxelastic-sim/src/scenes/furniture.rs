@@ -69,6 +69,15 @@ impl WorldBuilder {
         }
     }
 
+    /// A table of 1.4 x 0.8 m, 75 cm high, on level ground.
+    pub(super) fn table(&mut self, [x, y]: [f64; 2], yaw: f64) {
+        let (sin, cos) = yaw.sin_cos();
+        self.turned([x, y, 0.73], [1.4, 0.8, 0.04], yaw, albedo::WOOD);
+        for (u, v) in [(-0.65, -0.35), (-0.65, 0.35), (0.65, -0.35), (0.65, 0.35)] {
+            self.column([x + cos * u - sin * v, y + sin * u + cos * v, -0.05], 0.78, 0.03, albedo::WOOD);
+        }
+    }
+
     /// A car of about 4.2 x 1.75 m with heading `yaw`.
     pub(crate) fn car(&mut self, at: [f64; 2], yaw: f64) {
         let [x, y] = at;

@@ -6,11 +6,13 @@ mod district;
 mod facade;
 mod floor_plan;
 mod furniture;
+mod house;
 mod maze;
 mod mine;
 mod simple;
 mod street;
 mod tunnel;
+mod yard;
 
 use crate::route::{Carrier, Route, Trajectory};
 use crate::{SimError, World, WorldBuilder};
@@ -30,13 +32,15 @@ pub struct Scene {
 type Build = fn(&mut WorldBuilder) -> (Route, Carrier);
 
 /// Name, default number of scans and construction of each world.
-const SCENES: [(&str, usize, Build); 9] = [
+const SCENES: [(&str, usize, Build); 11] = [
     ("campus", 210, campus::build),
     ("mine", 210, mine::build),
     ("street", 400, street::build),
     ("tunnel", 400, tunnel::build),
     ("maze", 20, maze::build),
     ("district", 400, district::build),
+    ("house", 100, house::build),
+    ("yard", 60, yard::build),
     ("room", 20, simple::room),
     ("plane", 20, simple::plane),
     ("sphere", 20, simple::sphere),
@@ -44,7 +48,8 @@ const SCENES: [(&str, usize, Build); 9] = [
 
 /// Names of the worlds: `campus` (a college quad, a tunnel, a park and a 1 m doorway), `mine` (rooms and corridors hewn from
 /// rock), `street` (a block of houses), `tunnel` (300 m without
-/// features), `maze` (corridors with dead ends, to explore), `district` (a square kilometre of streets, houses, yards and parks, to explore), and the small `room`,
+/// features), `maze` (corridors with dead ends, to explore), `district` (a square kilometre of streets, houses, yards and parks, to explore), `house`
+/// (two storeys with stairs), `yard` (ramps, a kerb, a table and low obstacles), and the small `room`,
 /// `plane` and `sphere` for tests.
 pub fn names() -> impl Iterator<Item = &'static str> {
     SCENES.iter().map(|s| s.0)

@@ -8,7 +8,6 @@ mod loops;
 mod lost;
 mod odometry;
 mod positions;
-mod positions;
 mod refine;
 mod storeys;
 mod wrong_closures;

@@ -1,6 +1,7 @@
 //! `voxelastic eval`: measures accuracy, completeness, free space and poses of a map against a truth.
 
 mod args;
+mod floor;
 mod measured;
 pub mod path;
 mod space;
@@ -64,6 +65,7 @@ fn against_truth(args: &EvalArgs, mut measured: Measured, truth: &Truth) -> anyh
         layers: None,
         max_range_m: truth.simulation.as_ref().map(|_| args.max_range),
         occupancy: None,
+        floor: None,
         trajectory: None,
         error_ply: None,
         total_s: 0.0,
@@ -92,6 +94,10 @@ fn against_truth(args: &EvalArgs, mut measured: Measured, truth: &Truth) -> anyh
         (truth.simulation.as_ref().filter(|_| with_occupancy), measured.map().filter(|m| measured::has_occupancy(&m.atlas)))
     {
         summary.occupancy = Some(space::score(&space::Task { simulation, map, t_truth_map: summary.t_truth_map, max_range: args.max_range }));
+        // Heights are compared along the world's vertical.
+        if summary.t_truth_map == Pose::identity() {
+            summary.floor = floor::score(simulation.world(), map);
+        }
     }
     Ok(summary)
 }

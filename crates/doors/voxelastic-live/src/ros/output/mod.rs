@@ -6,7 +6,7 @@
 //! | `~/surface_points` | `sensor_msgs/PointCloud2` | the vertices of the same tiles |
 //! | `~/moving_points` | `sensor_msgs/PointCloud2` | points of each scan that were set aside because they are on things that move, with `dynamic = remove` |
 //! | `~/octomap` | `octomap_msgs/Octomap` | free and occupied space, if the map has occupancy |
-//! | `~/grid` | `nav_msgs/OccupancyGrid` | the same in a layer around the height of the robot |
+//! | `~/grid` | `nav_msgs/OccupancyGrid` | a 2-D map of the storey that the robot is on, for its height and what it climbs |
 //! | `~/distance_slice` | `sensor_msgs/PointCloud2` | distances to the nearest surface within 10 m of the robot, at its height |
 //! | `~/path` | `nav_msgs/Path` | poses of the scans, when a scan was added or poses were corrected; of more than 4096 every second, fourth, ... and the last |
 //! | `~/frontier` | `visualization_msgs/MarkerArray` | for a robot that explores: a box at the centre of each cluster of the frontier, as large as that is, and an arrow towards what is unknown, with each plan |
@@ -29,6 +29,7 @@ use super::middleware::{Middleware, MiddlewareError, Sink, TopicProfile};
 use crate::planner::Plan;
 use distances::SliceState;
 use exploration::ShownPlan;
+pub use occupancy::GridSettings;
 use occupancy::Layers;
 use path::PathState;
 use std::collections::HashMap;
@@ -67,15 +68,15 @@ pub struct OdometryLink {
 pub struct OutputOptions {
     /// Level of detail of the surface, 0 to 3.
     pub detail: usize,
-    /// Lower and upper end of the layer of `~/grid`, metres above the lidar.
-    pub layer: [f64; 2],
+    /// What `~/grid` is made for.
+    pub grid: GridSettings,
     /// Whether the robot explores: then there are topics about that.
     pub explores: bool,
 }
 
 impl Default for OutputOptions {
     fn default() -> Self {
-        Self { detail: 1, layer: [-0.2, 0.3], explores: false }
+        Self { detail: 1, grid: GridSettings::default(), explores: false }
     }
 }
 
@@ -291,10 +292,9 @@ impl Outputs {
         if !self.has_room(&[Output::Octomap, Output::Grid]) {
             return false;
         }
-        let height = self.link.as_ref().map_or(0.0, |(_, link, t_map_odom)| (t_map_odom * link.t_odom_lidar).translation.z);
-        let height = self.path.last().map_or(height, |pose| pose.translation.z);
-        let layer = self.options.layer.map(|end| height + end);
-        let Some(made) = self.layers.step(atlas, listeners, layer) else { return false };
+        let t_map_lidar = self.path.last().copied().or_else(|| self.link.as_ref().map(|(_, link, t_map_odom)| t_map_odom * link.t_odom_lidar));
+        let robot = t_map_lidar.unwrap_or_default().translation.vector.into();
+        let Some(made) = self.layers.step(atlas, listeners, &self.options.grid, robot) else { return false };
         self.publish_if(Output::Octomap, |header| made.octomap.as_ref().map(|(voxel, nodes)| messages::octomap(header, *voxel, nodes)));
         self.publish_if(Output::Grid, |header| made.grid.as_ref().map(|grid| messages::occupancy_grid(header, &grid.as_message())));
         true

@@ -1,23 +1,38 @@
-//! Occupancy as messages: an OctoMap, and a layer of it as a floor plan.
+//! Occupancy as messages: an OctoMap, and a 2-D map of the storey that the robot is on.
 
 use crate::ros::messages::Grid;
 use std::time::{Duration, Instant};
 use voxelastic::atlas::Atlas;
 use voxelastic::field::occupancy::State;
-use voxelastic::query::{AtlasQuery, Axis, Resampling, SliceRequest};
+use voxelastic::query::{AtlasQuery, Resampling};
+use voxelastic_ground::{Body, Ground};
 use voxelastic_io::octomap;
 
 /// Occupancy is published at most this often ...
 const PERIOD: Duration = Duration::from_secs(1);
 /// ... and making it takes no more than this share of the time.
 const SHARE: f64 = 0.05;
-/// Longest side of the floor plan, cells; beyond it, cells are larger.
+/// Longest side of the 2-D map, cells; beyond it, cells are twice, four times, .. as large.
 const MOST_CELLS: f64 = 4000.0;
+
+/// The 2-D map ends at multiples of this many cells, so that its origin seldom moves as it grows.
+const BLOCK: i32 = 128;
+
+/// What the 2-D map is made for.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct GridSettings {
+    /// Edge of a cell, metres; `None`: the finest voxel of the map.
+    pub resolution: Option<f64>,
+    /// The robot.
+    pub body: Body,
+}
 
 /// When occupancy was made, and whether it has changed since.
 #[derive(Debug, Default)]
 pub struct Layers {
     has_changed: bool,
+    /// Whether it was said that there is no 2-D map.
+    has_warned: bool,
     listeners: [usize; 2],
     /// When it was made, and how long that took.
     last: Option<(Instant, Duration)>,
@@ -28,11 +43,11 @@ pub struct Layers {
 pub struct Made {
     /// Edge of the smallest cubes, metres, and the nodes of the tree.
     pub octomap: Option<(f64, Vec<u8>)>,
-    /// The floor plan.
+    /// The 2-D map.
     pub grid: Option<FloorPlan>,
 }
 
-/// A floor plan in the map frame.
+/// A 2-D map in the map frame.
 #[derive(Debug)]
 pub struct FloorPlan {
     resolution: f64,
@@ -54,9 +69,9 @@ impl Layers {
         self.has_changed = true;
     }
 
-    /// Makes what somebody listens to of octomap and floor plan, if the map has changed or listeners have come. `layer` is the lower and the upper end of the
-    /// layer of the floor plan, metres in the map frame.
-    pub fn step(&mut self, atlas: &Atlas, listeners: [usize; 2], layer: [f64; 2]) -> Option<Made> {
+    /// Makes what somebody listens to of octomap and 2-D map, if the map has changed or listeners have come. The 2-D map is of the storey below `robot`, where the
+    /// sensor is in the map frame, metres.
+    pub fn step(&mut self, atlas: &Atlas, listeners: [usize; 2], grid: &GridSettings, robot: [f64; 3]) -> Option<Made> {
         let before = std::mem::replace(&mut self.listeners, listeners);
         self.has_changed |= listeners.iter().zip(before).any(|(now, before)| *now > before);
         let is_due = self.last.is_none_or(|(at, took)| at.elapsed() >= PERIOD.max(took.div_f64(SHARE)));
@@ -69,7 +84,8 @@ impl Layers {
             None
         } else {
             let octomap = if listeners[0] > 0 { octree(&query) } else { None };
-            Some(Made { octomap, grid: (listeners[1] > 0).then(|| floor_plan(&query, layer)) })
+            let grid = if listeners[1] > 0 { self.floor_plan(atlas, &query, grid, robot) } else { None };
+            Some(Made { octomap, grid })
         };
         self.has_changed = false;
         self.last = Some((clock, clock.elapsed()));
@@ -84,16 +100,27 @@ fn octree(query: &AtlasQuery<'_>) -> Option<(f64, Vec<u8>)> {
     Some((voxel, nodes.ok()?))
 }
 
-fn floor_plan(query: &AtlasQuery<'_>, [low, high]: [f64; 2]) -> FloorPlan {
-    let bounds = query.bounds();
-    let longest = f64::from(bounds.size()[0].max(bounds.size()[1]));
-    let pixel = query.voxel_size().max(longest / MOST_CELLS);
-    let slice = query.slice(&SliceRequest { axis: Axis::Z, at: low, thickness: high - low, pixel, bounds });
-    let cell = |state: &State| match state {
-        State::Free => 0,
-        State::Occupied => 100,
-        State::Unknown => -1,
-    };
-    let origin = [f64::from(bounds.min[0]), f64::from(bounds.min[1]), low];
-    FloorPlan { resolution: pixel, width: slice.width, origin, cells: slice.states.iter().map(cell).collect() }
+impl Layers {
+    fn floor_plan(&mut self, atlas: &Atlas, query: &AtlasQuery<'_>, settings: &GridSettings, robot: [f64; 3]) -> Option<FloorPlan> {
+        let size = query.bounds().size();
+        let mut resolution = settings.resolution.unwrap_or(atlas.voxel_size().to_string().parse().ok()?);
+        while f64::from(size[0].max(size[1])) > MOST_CELLS * resolution {
+            resolution *= 2.0;
+        }
+        let ground = Ground::of(atlas, resolution, &settings.body).map_err(|why| {
+            if !std::mem::replace(&mut self.has_warned, true) {
+                tracing::warn!("no 2-D map is published: {why}; {}", why.remedy());
+            }
+        });
+        let ground = ground.ok()?;
+        let storey = &ground.storeys()[ground.storey_below(robot).unwrap_or(0)];
+        let grid = ground.grid(storey).padded(BLOCK);
+        let cell = |state: &State| match state {
+            State::Free => 0,
+            State::Occupied => 100,
+            State::Unknown => -1,
+        };
+        let [x, y] = grid.cells.origin();
+        Some(FloorPlan { resolution, width: grid.cells.size[0], origin: [x, y, storey.height], cells: grid.states.iter().map(cell).collect() })
+    }
 }

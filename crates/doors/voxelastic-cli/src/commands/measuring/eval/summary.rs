@@ -1,5 +1,6 @@
 //! Results of `voxelastic eval`.
 
+use super::floor::FloorScores;
 use super::path::TrajectoryErrors;
 use serde::Serialize;
 use std::path::PathBuf;
@@ -31,6 +32,8 @@ pub struct Summary {
     pub max_range_m: Option<f32>,
     /// Free and occupied space; `null` without a world, or without occupancy in the map.
     pub occupancy: Option<OccupancyScores>,
+    /// The floor and 2-D maps of it; `null` without a world, or without occupancy in the map.
+    pub floor: Option<FloorScores>,
     /// Errors of the poses; `null` if the truth has no poses of scans in the map.
     pub trajectory: Option<TrajectoryErrors>,
     /// The file of `--error-ply`.

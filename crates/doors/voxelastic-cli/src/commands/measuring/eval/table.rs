@@ -1,5 +1,6 @@
 //! Results as text.
 
+use super::floor::FloorScores;
 use super::summary::Summary;
 use voxelastic_eval::DistanceStats;
 use voxelastic_eval::metrics::Comparison;
@@ -20,6 +21,9 @@ pub fn table(summary: &Summary) -> String {
     }
     if let Some(scores) = &summary.occupancy {
         space(&mut text, scores, summary.max_range_m);
+    }
+    if let Some(scores) = &summary.floor {
+        floor(&mut text, scores);
     }
     if let Some(errors) = &summary.trajectory {
         section(&mut text, &format!("poses of {} scans", errors.ate.pairs), &["mean", "rmse", "max"]);
@@ -82,6 +86,16 @@ fn space(text: &mut String, scores: &OccupancyScores, within: Option<f32>) {
     }
     let unknown = percent(Some(scores.unknown as f64 / scores.points.max(1) as f64));
     text.push_str(&format!("  ({unknown} unknown; {} free inside of solids)\n\n", scores.deep_false_free));
+}
+
+fn floor(text: &mut String, scores: &FloorScores) {
+    let FloorScores { storeys, resolution_m, free, occupied, .. } = scores;
+    section(text, &format!("2-D maps of {storeys} storeys"), &["cells", "wrong", "by a voxel"]);
+    row(text, "free", &[free, &scores.free_but_blocked, &scores.free_but_deep].map(usize::to_string));
+    row(text, "occupied", &[occupied, &scores.occupied_but_clear, &scores.occupied_but_far].map(usize::to_string));
+    let (median, p95, within) = (metres(Some(scores.height_median_m)), metres(Some(scores.height_p95_m)), percent(Some(scores.within_two_sigma)));
+    let holes = scores.free_but_no_floor;
+    text.push_str(&format!("  (cells of {resolution_m} m; {holes} free without a floor; height of the floor off by {median} m, 95 % by less than {p95} m, {within} within 2 sigma)\n\n"));
 }
 
 fn section(text: &mut String, title: &str, columns: &[&str]) {
