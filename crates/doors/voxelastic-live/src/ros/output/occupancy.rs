@@ -54,6 +54,11 @@ impl Layers {
         self.has_changed = true;
     }
 
+    /// Has it made again as soon as may be, however long that took before.
+    pub fn hurry(&mut self) {
+        self.last = self.last.map(|(at, _)| (at, Duration::ZERO));
+    }
+
     /// Makes what somebody listens to of octomap and floor plan, if the map has changed or listeners have come. `layer` is the lower and the upper end of the
     /// layer of the floor plan, metres in the map frame.
     pub fn step(&mut self, atlas: &Atlas, listeners: [usize; 2], layer: [f64; 2]) -> Option<Made> {
