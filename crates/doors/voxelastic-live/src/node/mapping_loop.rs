@@ -274,7 +274,8 @@ impl Node {
             state: self.state.filter(|state| *state != State::Active),
             is_worse: std::mem::take(&mut self.tally.was_worse) || is_worse,
             bent: Some(run.bent()).filter(|bent| run.is_following() || bent.waiting + bent.for_good > 0),
-            topics: network.heard.as_ref().map(|heard| network.rates.of(heard)).unwrap_or_default(),
+            // Once it is to end, it does not listen any more.
+            topics: network.heard.as_ref().filter(|_| !self.tally.interrupted).map(|heard| network.rates.of(heard)).unwrap_or_default(),
             waits_for: network.frames.as_ref().and_then(LiveFrames::waits_for),
             rival: network.rival(),
         };

@@ -14,6 +14,7 @@ use voxelastic_io::store::MapStore;
 use voxelastic_io::{Keyframing, OpenOptions};
 use voxelastic_live::node::{KeptIn, NetworkSetup, ScansFrom, Setup, ViewerSetup, play};
 use voxelastic_live::planner::PlannerSettings;
+use voxelastic_live::ros::names::Names;
 use voxelastic_live::transport::Transport;
 use voxelastic_run::keep::{CheckpointEvery, Resume, SaveOptions};
 use voxelastic_run::poses::{Motions, OdometrySetup, OdometryStage};
@@ -252,7 +253,9 @@ fn a_saved_map_is_loaded_and_mapping_goes_on_in_it() {
 fn foxglove() -> NetworkSetup {
     let foxglove = Some(SocketAddr::from(([127, 0, 0, 1], 0)));
     NetworkSetup {
-        node: "voxelastic".to_owned(),
+        names: Names::default(),
+        transforms: true,
+        lifecycle: false,
         backend: None,
         domain: None,
         is_local: true,

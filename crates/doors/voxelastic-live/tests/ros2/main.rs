@@ -15,7 +15,8 @@ use voxelastic_io::bag::live::LiveTopics;
 use voxelastic_io::{Keyframing, OpenOptions};
 use voxelastic_live::planner::Plan;
 use voxelastic_live::ros::dds::Dds;
-use voxelastic_live::ros::input::{TopicInput, discover};
+use voxelastic_live::ros::discovery::discover;
+use voxelastic_live::ros::input::TopicInput;
 use voxelastic_live::ros::messages::Health;
 #[cfg(feature = "foxglove")]
 use voxelastic_live::ros::middleware::{Answer, Deliver, Handle, MiddlewareError, Sink};
