@@ -175,6 +175,7 @@ impl Node {
                     Some((exploring, outputs)) => exploring.answer(request, outputs),
                     None => Response::Done(Err("this node does not explore: start it with --explore".to_owned())),
                 },
+                Request::Grid => self.grid(run),
                 Request::State => Response::State(self.state.unwrap_or(State::Active)),
                 Request::ChangeState(id, label) => Response::Done(self.change_state(*id, label, run, requests)),
                 Request::Plan { start, goal, .. } => self.plan([start, goal], run),
@@ -184,6 +185,13 @@ impl Node {
                 tracing::warn!("on request: no map was loaded: {words}");
             }
             pending.answer(response);
+        }
+    }
+
+    fn grid(&self, run: &MappingRun) -> Response {
+        match &self.listeners.network {
+            Some(network) => Response::Grid(run.mapping().pool().install(|| network.offers.outputs.grid(run.mapping().atlas()))),
+            None => Response::Done(Err("no grid is published here".to_owned())),
         }
     }
 

@@ -17,6 +17,7 @@ const HASHES: &[(&str, &str)] = &[
     ("std_srvs/srv/Trigger", "eeff2cd6fa5ad9d27cdf4dec64818317839b62f212a91e6b5304b634b2062c5f"),
     ("std_srvs/srv/SetBool", "abe9e4bb6b41b40e6789712c00ec8871923e089af3f667a79992a428cff2da0a"),
     ("nav_msgs/srv/GetPlan", "234f7aff100f5edb8150366601687b027bcdc253db47decb88fff846193fe5e8"),
+    ("nav_msgs/srv/GetMap", "c8ae77c9995b3554b5ba80e4d4d443f970ac65143102a1d893ec24fc07b31147"),
     ("nav_msgs/srv/LoadMap", "1a192ac56c40fed2767dac26f0b371785372276bd465c902676d2dca135aae5a"),
     ("voxelastic_msgs/srv/GetDistances", "ef40534d30cf0c442ea35e62a106215ff9e5b2932b29fe4a3e742b7c313a0224"),
     ("rcl_interfaces/srv/ListParameters", "3e6062bfbb27bfb8730d4cef2558221f51a11646d78e7bb30a1e83afac3aad9d"),

@@ -45,6 +45,8 @@ pub enum Request {
     Explore(bool),
     /// Go home, for a robot that explores.
     ReturnHome,
+    /// The grid as it is.
+    Grid,
     /// The state of a managed node.
     State,
     /// A transition to another state, by its number or its label.
@@ -93,6 +95,8 @@ pub enum Response {
     Path(Vec<Pose>),
     /// Whether the map was loaded, and more about it.
     Loaded(Result<String, (NotLoaded, String)>),
+    /// The grid, as the message of its topic.
+    Grid(Vec<u8>),
     /// The state of a managed node.
     State(State),
     /// Distances, none where nothing is known; or why there are none.
@@ -136,7 +140,7 @@ impl RequestSender {
 /// Points that can be asked for at a time: mapping waits meanwhile.
 const MOST_POINTS: usize = 100_000;
 
-/// Offers the services of a node: `~/save`, `~/reset`, `~/mesh` (`std_srvs/Trigger`), `~/return_home` (`std_srvs/Trigger`), `~/pause`, `~/explore` (`std_srvs/SetBool`), `~/plan` (`nav_msgs/GetPlan`), `~/load`
+/// Offers the services of a node: `~/save`, `~/reset`, `~/mesh` (`std_srvs/Trigger`), `~/return_home` (`std_srvs/Trigger`), `~/pause`, `~/explore` (`std_srvs/SetBool`), `~/plan` (`nav_msgs/GetPlan`), `~/map` (`nav_msgs/GetMap`), `~/load`
 /// (`nav_msgs/LoadMap`), `~/distances` (`voxelastic_msgs/GetDistances`, defined in the folder `ros` of this crate).
 ///
 /// # Errors
@@ -168,7 +172,11 @@ pub fn offer(middleware: &mut dyn Middleware, names: &Names, requests: &RequestS
         };
         Some(measured(answer))
     });
+    let looking = requests.clone();
+    // The answer has nothing but the grid.
+    let map: Answer = Box::new(move |_| if let Response::Grid(message) = looking.ask(Request::Grid)? { Some(message) } else { None });
     let services = [
+        ("map", ("nav_msgs/srv/GetMap", map)),
         ("save", trigger(Request::Save)),
         ("reset", trigger(Request::Reset)),
         ("mesh", trigger(Request::Mesh)),
@@ -188,7 +196,7 @@ fn done(response: Response) -> Vec<u8> {
         Response::Done(Ok(words)) => (true, words),
         Response::Done(Err(words)) | Response::Loaded(Err((_, words))) | Response::Distances(Err(words)) => (false, words),
         Response::Loaded(Ok(words)) => (true, words),
-        Response::Path(_) | Response::State(_) | Response::Distances(Ok(_)) => (true, String::new()),
+        Response::Path(_) | Response::Grid(_) | Response::State(_) | Response::Distances(Ok(_)) => (true, String::new()),
     };
     MessageWriter::new().bool(is_done).text(&words).finish()
 }

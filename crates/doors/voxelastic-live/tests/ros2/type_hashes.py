@@ -17,6 +17,7 @@ SERVICES = {
     "std_srvs/srv/Trigger": "\n---\n" + done,
     "std_srvs/srv/SetBool": "bool data\n---\n" + done,
     "nav_msgs/srv/GetPlan": "geometry_msgs/PoseStamped start\ngeometry_msgs/PoseStamped goal\nfloat32 tolerance\n---\nnav_msgs/Path plan\n",
+    "nav_msgs/srv/GetMap": "\n---\nnav_msgs/OccupancyGrid map\n",
     "nav_msgs/srv/LoadMap": "string map_url\n---\nnav_msgs/OccupancyGrid map\nuint8 result\n",
     "voxelastic_msgs/srv/GetDistances": sys.argv[1],
     "lifecycle_msgs/srv/GetState": "\n---\nlifecycle_msgs/State current_state\n",

@@ -105,6 +105,20 @@ class GetPlanResponse(IdlStruct, **t.service("nav_msgs", "GetPlan_Response")):
     plan: t.Path
 
 
+@dataclass
+class GetMapRequest(IdlStruct, **t.service("nav_msgs", "GetMap_Request")):
+    client: uint64
+    number: int64
+    nothing: uint8
+
+
+@dataclass
+class GetMapResponse(IdlStruct, **t.service("nav_msgs", "GetMap_Response")):
+    client: uint64
+    number: int64
+    map: t.OccupancyGrid
+
+
 participant, folder = DomainParticipant(int(sys.argv[1])), Path(sys.argv[2])
 writer = lambda name, kind, qos: DataWriter(participant, Topic(participant, f"rt/{name}", kind), qos=qos)
 reader = lambda name, kind, qos: DataReader(participant, Topic(participant, f"rt/{name}", kind), qos=qos)
@@ -248,10 +262,19 @@ seen["first_lidar"] = [position.x, position.y, position.z]
 before = wait_for("grid with old walls", lambda: (lambda count: count if count and count > 50 and robot.drift > 0.9 else None)(old_walls()))
 robot.drifts = False
 stamped = lambda frame, x, y, z: t.PoseStamped(t.Header(t.Time(0, 0), frame), place(x, y, z))
-x, y, _ = robot.now
-plan = call("plan", GetPlanRequest, GetPlanResponse, stamped("base_link", 0.0, 0.0, 0.6), stamped("map", 4.0, 2.0, 0.6), 0.1).plan
-start = plan.poses[0].pose.position if plan.poses else t.Vector(math.nan, math.nan, math.nan)
-seen["plan"] = {"frame": plan.header.frame_id, "poses": len(plan.poses), "off_m": math.dist((start.x, start.y), (x, y))}
+nowhere, plan = t.Vector(math.nan, math.nan, math.nan), None
+# The robot moves, and may be where there is no way for a while.
+for _ in range(20):
+    places = [robot.now]
+    plan = call("plan", GetPlanRequest, GetPlanResponse, stamped("base_link", 0.0, 0.0, 0.4), stamped("map", 4.0, 2.0, 0.4), 0.1).plan
+    places.append(robot.now)
+    start = plan.poses[0].pose.position if plan.poses else nowhere
+    if plan.poses:
+        break
+off = min(math.dist((start.x, start.y), place[:2]) for place in places)
+seen["plan"] = {"frame": plan.header.frame_id, "poses": len(plan.poses), "off_m": off}
+asked = call("map", GetMapRequest, GetMapResponse, 0).map
+seen["get_map"] = [asked.header.frame_id, asked.info.width * asked.info.height == len(asked.data), list(asked.data).count(100) > 50]
 nonsense = call("plan", GetPlanRequest, GetPlanResponse, stamped("base_link", 0.0, 0.0, 0.6), stamped("nonsense", 4.0, 2.0, 0.6), 0.1)
 seen["plan_from_nonsense"] = len(nonsense.plan.poses)
 old_walls()

@@ -24,13 +24,13 @@ mod path;
 mod surface;
 mod topics;
 
-use super::messages::{self, Header, Health};
+use super::messages::{self, Grid, Header, Health};
 use super::middleware::{Middleware, MiddlewareError, Sink, TopicProfile};
 use super::names::Names;
 use crate::planner::Plan;
 use distances::SliceState;
 use exploration::ShownPlan;
-use occupancy::Layers;
+use occupancy::{FloorPlan, Layers, floor_plan_now};
 use path::PathState;
 use std::collections::HashMap;
 use std::time::{Duration, Instant};
@@ -314,13 +314,25 @@ impl Outputs {
         if !self.has_room(&[Output::Octomap, Output::Grid]) {
             return false;
         }
-        let height = self.link.as_ref().map_or(0.0, |(_, link, t_map_odom)| (t_map_odom * link.t_odom_lidar).translation.z);
-        let height = self.path.last().map_or(height, |pose| pose.translation.z);
-        let layer = self.options.layer.map(|end| height + end);
-        let Some(made) = self.layers.step(atlas, listeners, layer) else { return false };
+        let Some(made) = self.layers.step(atlas, listeners, self.layer()) else { return false };
         self.publish_if(Output::Octomap, |header| made.octomap.as_ref().map(|(voxel, nodes)| messages::octomap(header, *voxel, nodes)));
         self.publish_if(Output::Grid, |header| made.grid.as_ref().map(|grid| messages::occupancy_grid(header, &grid.as_message())));
         true
+    }
+
+    /// Lower and upper end of the layer of the grid, metres in the map frame.
+    fn layer(&self) -> [f64; 2] {
+        let height = self.link.as_ref().map_or(0.0, |(_, link, t_map_odom)| (t_map_odom * link.t_odom_lidar).translation.z);
+        let height = self.path.last().map_or(height, |pose| pose.translation.z);
+        self.options.layer.map(|end| height + end)
+    }
+
+    /// The grid as it is now, as a message like those of its topic; without cells where the map has no occupancy.
+    pub fn grid(&self, atlas: &Atlas) -> Vec<u8> {
+        let header = Header { stamp: self.stamp, frame: MAP_FRAME };
+        let none = Grid { resolution: 0.0, width: 0, origin: [0.0; 3], cells: &[] };
+        let made = floor_plan_now(atlas, self.layer());
+        messages::occupancy_grid(header, &made.as_ref().map_or(none, FloorPlan::as_message))
     }
 
     /// Publishes distances around the robot, if somebody listens and the map has changed. `distances` says them for points of the map frame, metres; none where nothing is

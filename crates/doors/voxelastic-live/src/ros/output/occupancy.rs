@@ -82,6 +82,12 @@ impl Layers {
     }
 }
 
+/// The floor plan as it is; none without occupancy. `layer` is that of [`Layers::step`].
+pub fn floor_plan_now(atlas: &Atlas, layer: [f64; 2]) -> Option<FloorPlan> {
+    let query = atlas.query();
+    (!query.is_empty()).then(|| floor_plan(&query, layer))
+}
+
 fn octree(query: &AtlasQuery<'_>) -> Option<(f64, Vec<u8>)> {
     let voxel = query.voxel_size();
     let cubes = query.resample(&Resampling { voxel, states_only: true });
