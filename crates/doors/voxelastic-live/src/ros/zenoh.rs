@@ -67,14 +67,13 @@ impl Zenoh {
             }
         });
         let subscriber = subscriber.wait().map_err(|e| failed(&e))?;
-        // The namespace as keys have it: % for none, %robot1 for /robot1.
-        let namespace = if options.namespace.is_empty() { "%".to_owned() } else { options.namespace.replace('/', "%") };
+        let namespace = format!("%{}", options.namespace.trim_start_matches('/').replace('/', "%"));
         let key = format!("@ros2_lv/{}/{}/0/0/NN/%/{namespace}/{}", options.domain, session.zid(), options.name);
         let token = session.liveliness().declare_token(key).wait().map_err(|e| failed(&e))?;
         let held = vec![Handle::new(subscriber), Handle::new(token)];
         let outbox = Outbox::start("zenoh-outbox").map_err(|e| failed(&e))?;
-        let next_entity = AtomicU64::new(1);
-        let mut node = Self { session, namespace, node: options.name.clone(), domain: options.domain, next_entity, graph, outbox, held };
+        let (name, domain, next_entity) = (options.name.clone(), options.domain, AtomicU64::new(1));
+        let mut node = Self { session, namespace, node: name, domain, next_entity, graph, outbox, held };
         let parameters = parameters::offer(&mut node, options)?;
         node.held.extend(parameters);
         Ok(node)

@@ -137,7 +137,8 @@ fn a_submap_is_rebuilt_a_scan_at_a_time_while_others_come() {
     let submap = mapper.atlas().submap(id).unwrap();
     assert_eq!((next, report.scans, submap.scans().len()), (9, 9, 9));
     assert!(submap.revision() > old + 100 && mapper.deformed().is_empty());
-    [&mut mapper, &mut right].map(|mapper| mapper.finish());
+    mapper.finish();
+    right.finish();
     // As if the poses had been right from the beginning.
     let meshes = [&mapper, &right].map(|mapper| mapper.atlas().submap(id).unwrap().mesh(&MeshOptions::default()).positions);
     assert!(meshes[0].len() > 1000 && meshes[0] == meshes[1], "{} and {} vertices", meshes[0].len(), meshes[1].len());
