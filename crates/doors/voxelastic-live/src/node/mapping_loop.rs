@@ -3,7 +3,7 @@
 use super::exploring::Exploring;
 use super::figures::{OverloadWarning, figures};
 use super::health::Condition;
-use super::listeners::Listeners;
+use super::listeners::{Listeners, OnNetwork};
 use super::loading::Loaded;
 use super::positions::Positions;
 use super::service::{Service, find_path};
@@ -188,9 +188,12 @@ impl Node {
         }
     }
 
-    fn grid(&self, run: &MappingRun) -> Response {
-        match &self.listeners.network {
-            Some(network) => Response::Grid(run.mapping().pool().install(|| network.offers.outputs.grid(run.mapping().atlas()))),
+    fn grid(&mut self, run: &MappingRun) -> Response {
+        match &mut self.listeners.network {
+            Some(OnNetwork { offers, .. }) => {
+                let outputs = &mut offers.outputs;
+                Response::Grid(run.mapping().pool().install(|| outputs.grid(run.mapping().atlas())))
+            }
             None => Response::Done(Err("no grid is published here".to_owned())),
         }
     }

@@ -328,7 +328,7 @@ impl Outputs {
     }
 
     /// The grid as it is now, as a message like those of its topic; without cells where the map has no occupancy.
-    pub fn grid(&self, atlas: &Atlas) -> Vec<u8> {
+    pub fn grid(&mut self, atlas: &Atlas) -> Vec<u8> {
         let header = Header { stamp: self.stamp, frame: MAP_FRAME };
         let none = Grid { resolution: 0.0, width: 0, origin: [0.0; 3], cells: &[] };
         let made = floor_plan_now(atlas, self.layer());
