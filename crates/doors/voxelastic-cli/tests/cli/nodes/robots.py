@@ -263,15 +263,16 @@ before = wait_for("grid with old walls", lambda: (lambda count: count if count a
 robot.drifts = False
 stamped = lambda frame, x, y, z: t.PoseStamped(t.Header(t.Time(0, 0), frame), place(x, y, z))
 nowhere, plan = t.Vector(math.nan, math.nan, math.nan), None
-# The robot moves, and may be where there is no way for a while.
+# From a metre to the left of the robot, towards the middle of its circle, where much is free.
+beside = lambda x, y, yaw: (x - math.sin(yaw), y + math.cos(yaw))
 for _ in range(20):
     places = [robot.now]
-    plan = call("plan", GetPlanRequest, GetPlanResponse, stamped("base_link", 0.0, 0.0, 0.4), stamped("map", 4.0, 2.0, 0.4), 0.1).plan
+    plan = call("plan", GetPlanRequest, GetPlanResponse, stamped("base_link", 0.0, 1.0, 0.57), stamped("map", robot.drift, 0.0, 0.57), 0.1).plan
     places.append(robot.now)
     start = plan.poses[0].pose.position if plan.poses else nowhere
     if plan.poses:
         break
-off = min(math.dist((start.x, start.y), place[:2]) for place in places)
+off = min(math.dist((start.x, start.y), beside(*place)) for place in places)
 seen["plan"] = {"frame": plan.header.frame_id, "poses": len(plan.poses), "off_m": off}
 asked = call("map", GetMapRequest, GetMapResponse, 0).map
 seen["get_map"] = [asked.header.frame_id, asked.info.width * asked.info.height == len(asked.data), list(asked.data).count(100) > 50]
