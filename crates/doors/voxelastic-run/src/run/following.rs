@@ -12,7 +12,7 @@ use voxelastic::event::Event;
 use voxelastic::mapper::{RebuildError, Rebuilding};
 
 /// While scans wait, rebuilding takes at most this share of the time.
-const SHARE: f64 = 0.25;
+const SHARE: f64 = 0.5;
 
 /// Scans, and what is rebuilt from them.
 pub(super) struct Following {
