@@ -17,6 +17,7 @@ mod output;
 mod painting;
 mod progress;
 mod reporting;
+mod ros_args;
 mod texturing;
 
 use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
@@ -115,13 +116,13 @@ struct Logging {
     /// Print warnings and errors only, no progress
     #[arg(short, long, global = true, conflicts_with = "verbose")]
     quiet: bool,
-    /// Print debug messages; twice for trace messages
+    /// Print debug messages; twice for trace messages, and warnings of libraries
     #[arg(short, long, global = true, action = clap::ArgAction::Count)]
     verbose: u8,
 }
 
 impl Logging {
-    /// Sends log lines to stderr. `RUST_LOG`, where set, wins over the flags. What libraries have to say, such as those of networks, is for `-v`.
+    /// Sends log lines to stderr. `RUST_LOG`, where set, wins over the flags. What libraries have to say, such as those of networks, is for `-v -v`.
     fn install(self) {
         let level = match (self.quiet, self.verbose) {
             (true, _) => "warn",
@@ -129,7 +130,7 @@ impl Logging {
             (false, 1) => "debug",
             (false, _) => "trace",
         };
-        let libraries = if self.verbose > 0 { "warn" } else { "off" };
+        let libraries = if self.verbose > 1 { "warn" } else { "off" };
         let from_environment = std::env::var("RUST_LOG").ok().and_then(|text| text.parse::<Targets>().ok());
         let filter = from_environment.unwrap_or_else(|| format!("{libraries},voxelastic={level}").parse().unwrap_or_default());
         let has_colours = std::io::IsTerminal::is_terminal(&std::io::stderr()) && std::env::var_os("NO_COLOR").is_none();
@@ -149,7 +150,7 @@ impl Logging {
 /// It is made for a process of its own: it installs handlers of signals and a panic hook, and sends log lines to stderr from the first call on.
 pub fn run<A: Into<OsString> + Clone>(arguments: impl IntoIterator<Item = A>) -> u8 {
     failure::install_panic_hook();
-    let cli = match command_line().try_get_matches_from(arguments).and_then(|matches| Cli::from_arg_matches(&matches)) {
+    let cli = match command_line().try_get_matches_from(ros_args::translated(arguments)).and_then(|matches| Cli::from_arg_matches(&matches)) {
         Ok(cli) => cli,
         Err(end) => return failure::report_usage(&end),
     };

@@ -21,6 +21,7 @@ use voxelastic::{Mapper, Pose};
 use voxelastic_eval::grid_view::{Dot, GridView, Line};
 use voxelastic_live::feed::{Feed, Next, Overload};
 use voxelastic_live::planner::{LivePlanner, Plan, PlanState, PlannerSettings};
+use voxelastic_live::ros::names::Names;
 use voxelastic_live::ros::output::{OutputOptions, Outputs};
 use voxelastic_live::transport::Transport;
 use voxelastic_run::Input;
@@ -221,7 +222,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     mapper.set_sensor_model(model.clone());
     let published = Published::default();
     let mut outputs = Outputs::new(OutputOptions { explores: true, ..OutputOptions::default() });
-    outputs.add_sinks("robot", |profile| Ok(published.topic(&profile.name)))?;
+    outputs.add_sinks(&Names::of_node("robot"), |profile| Ok(published.topic(&profile.name)))?;
     let time = Some(seconds as f64);
     let planner =
         PlannerSettings { radius: RADIUS, margin: 0.1, height: None, speed: SPEED, bounds: Some(bounds), time, max_range: 30.0, least_volume: 4.0 };

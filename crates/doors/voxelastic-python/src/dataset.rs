@@ -96,6 +96,7 @@ impl Dataset {
             metadata,
             deskew,
             time_tolerance_s: time_tolerance,
+            mount_timeout_s: None,
             ..OpenOptions::default()
         };
         let opened = job::run(py, move || {

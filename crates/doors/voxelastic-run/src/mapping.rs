@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use voxelastic::atlas::{Atlas, SubmapId};
 use voxelastic::event::Event;
-use voxelastic::mapper::{IdleTask, MapError, Mapper, RebuildError, RebuildReport, ScanReport, ScanSource};
+use voxelastic::mapper::{IdleTask, MapError, Mapper, RebuildError, RebuildReport, Rebuilding, ScanReport, ScanSource};
 use voxelastic::sensor::BeamModel;
 use voxelastic::settings::Settings;
 use voxelastic_eval::SeriesStats;
@@ -140,6 +140,15 @@ impl Mapping {
     pub fn rebuild(&mut self, id: SubmapId, source: &mut (dyn ScanSource + Send)) -> Result<RebuildReport, RebuildError> {
         let mapper = &mut self.mapper;
         self.pool.install(|| mapper.rebuild(id, source))
+    }
+
+    /// Integrates the next scan into a submap that is being rebuilt; a report once it is in its place.
+    ///
+    /// # Errors
+    /// When a scan cannot be read again, or the submap is gone; the map is then unchanged.
+    pub fn step_rebuild(&mut self, rebuilding: &mut Rebuilding, source: &mut (dyn ScanSource + Send)) -> Result<Option<RebuildReport>, RebuildError> {
+        let mapper = &mut self.mapper;
+        self.pool.install(|| mapper.step_rebuild(rebuilding, source))
     }
 
     /// The mapper.

@@ -2,9 +2,11 @@
 
 mod begin;
 mod complete;
+mod following;
 mod save;
 
 pub use begin::Plan;
+pub use following::Bent;
 pub use save::SavedSession;
 
 use crate::corrections::{ClosureSummary, Corrections};
@@ -14,6 +16,7 @@ use crate::mapping::{Mapping, empty_mapper};
 use crate::poses::{Jumps, MapFrame, OdometryStage, OdometrySummary, Outcome, PoseStage, PoseWatch, Relocalisation, StreamPosition, placed};
 use crate::warning::{Code, Warnings};
 use crate::{Error, Result};
+use following::Following;
 use voxelastic::Pose;
 use voxelastic::atlas::Atlas;
 use voxelastic::event::{Event, NodeId};
@@ -42,6 +45,8 @@ pub struct MappingRun {
     kept: Option<Kept>,
     /// Compares poses with scans that others did not compare before.
     pose_watch: Option<PoseWatch>,
+    /// Rebuilds what corrections bend, if scans are kept.
+    following: Option<Following>,
     /// Scans that an earlier process had mapped.
     resumed: usize,
     warnings: Warnings,
@@ -83,6 +88,8 @@ pub trait Observer {
     fn before(&mut self, _event: &Event, _mapping: &Mapping) {}
     /// After the mapper has taken it.
     fn after(&mut self, _moment: &Moment<'_>) {}
+    /// After a submap was rebuilt from its scans, as corrections had bent it.
+    fn rebuilt(&mut self, _moment: &Moment<'_>) {}
     /// Another map has begun.
     fn restarted(&mut self) {}
 }
@@ -240,6 +247,7 @@ impl MappingRun {
     /// Passes an event to the mapper, and says so.
     fn tell(&mut self, event: Event, observer: &mut dyn Observer, taken: &mut Taken) -> Result<()> {
         observer.before(&event, &self.mapping);
+        self.note_for_following(&event);
         let pose = if let Event::Scan(scan) = &event { scan.t_map_lidar } else { Pose::identity() };
         taken.integrated.extend(self.mapping.take(event)?.map(|report| (report, pose)));
         observer.after(&self.moment());
@@ -290,6 +298,7 @@ impl MappingRun {
         if let Some(keeper) = self.keeper() {
             keeper.restart();
         }
+        self.stop_following();
         observer.restarted();
     }
 

@@ -41,6 +41,10 @@ pub enum Code {
     NotRebuilt,
     /// Poses were not refined.
     NotRefined,
+    /// Where a lidar is on the robot has changed.
+    MountChanged,
+    /// What somebody asked for cannot be answered.
+    RequestRefused,
     /// A checkpoint could not be written.
     NoCheckpoint,
     /// What an earlier process had mapped is another map.
@@ -92,6 +96,8 @@ impl Code {
             Self::NoLastCorrection => "no-last-correction",
             Self::NotRebuilt => "not-rebuilt",
             Self::NotRefined => "not-refined",
+            Self::MountChanged => "mount-changed",
+            Self::RequestRefused => "request-refused",
             Self::NoCheckpoint => "no-checkpoint",
             Self::SetAside => "set-aside",
             Self::NotInMap => "not-in-map",
@@ -139,6 +145,11 @@ impl Warnings {
         } else {
             self.add(code, text, remedy);
         }
+    }
+
+    /// Adds one that was logged already.
+    pub fn add_said(&mut self, code: Code, text: impl Into<String>) {
+        self.note(code, text.into(), String::new());
     }
 
     fn note(&mut self, code: Code, text: String, remedy: String) {

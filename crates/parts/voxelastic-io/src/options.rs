@@ -72,6 +72,8 @@ pub struct OpenOptions {
     pub metadata: Option<PathBuf>,
     /// Whether clouds whose points have times get the lidar's motion, so that they are corrected for the motion during the sweep.
     pub deskew: bool,
+    /// The clouds of a robot that runs wait for the transform that says where their lidar is on it. After so many seconds without it the poses are taken for those of the lidar; none: never.
+    pub mount_timeout_s: Option<f64>,
     /// How far in time the nearest pose may be from a cloud when they are matched by time, seconds.
     pub time_tolerance_s: f64,
 }
@@ -95,6 +97,7 @@ impl Default for OpenOptions {
             use_imu: true,
             metadata: None,
             deskew: true,
+            mount_timeout_s: None,
             time_tolerance_s: 0.01,
         }
     }

@@ -25,7 +25,16 @@ pub const CRATES: &[Layer] = &[
     ("voxelastic-report", &["voxelastic-eval"]),
     (
         "voxelastic-run",
-        &["voxelastic", "voxelastic-files", "voxelastic-earth", "voxelastic-ground", "voxelastic-io", "voxelastic-eval", "voxelastic-slam", "voxelastic-report"],
+        &[
+            "voxelastic",
+            "voxelastic-files",
+            "voxelastic-earth",
+            "voxelastic-ground",
+            "voxelastic-io",
+            "voxelastic-eval",
+            "voxelastic-slam",
+            "voxelastic-report",
+        ],
     ),
     (
         "voxelastic-live",

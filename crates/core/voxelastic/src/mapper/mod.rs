@@ -46,6 +46,6 @@ pub use error::MapError;
 pub use frontend::{Frontend, FrontendScan};
 pub use idle::IdleTask;
 pub use pipeline::Mapper;
-pub use rebuild::{RebuildError, RebuildReport, ScanSource};
+pub use rebuild::{RebuildError, RebuildReport, Rebuilding, ScanSource};
 pub use report::{Assignment, ElasticCounts, ScanReport};
 pub use state::{MapperState, ResumeError};

@@ -9,7 +9,6 @@ use super::frontend::FrontendScan;
 use super::idle::{IdleTask, keep_threads_awake};
 use super::integrators::Integrators;
 use super::moving::MovingDetector;
-use super::rebuild::{RebuildError, RebuildReport, Rebuilder, ScanSource};
 use super::report::{Assignment, ElasticCounts, ScanReport};
 use super::revisit::RevisitDetector;
 use super::sensors::{Sensor, Sensors};
@@ -258,30 +257,6 @@ impl Mapper {
     pub fn integrate(&mut self, scan: &Scan) -> Result<ScanReport, MapError> {
         self.conflicts_resolved = false;
         keep_threads_awake(self.idle_task.clone(), || self.add_scan(scan))
-    }
-
-    /// Rebuilds submap `id` from its scans at the current poses of their nodes, after completing all fusions. Its conflicts with other
-    /// submaps are resolved by the next [`finish`](Self::finish).
-    ///
-    /// # Errors
-    /// [`RebuildError`]; the submap is unchanged.
-    pub fn rebuild(&mut self, id: SubmapId, source: &mut dyn ScanSource) -> Result<RebuildReport, RebuildError> {
-        self.finish_fusions();
-        self.conflicts_resolved = false;
-        let old = self.atlas.submap_mut(id).ok_or(RebuildError::NoSuchSubmap { submap: id })?;
-        let mut rebuilder = Rebuilder {
-            settings: &self.settings,
-            graph: &self.clusters.graph,
-            sensor_model: self.sensor_model.as_ref(),
-            sensors: &mut self.sensors,
-            integrators: &mut self.integrators,
-        };
-        let (new, scans) = rebuilder.rebuild(old, source)?;
-        let report = RebuildReport { scans, bytes_before: old.bytes(), bytes_after: new.bytes() };
-        *old = new;
-        self.sensors.iter_mut().for_each(|sensor| sensor.moving.forget(id));
-        self.counts.rebuilds += 1;
-        Ok(report)
     }
 
     fn add_edge(&mut self, kind: LinkKind, edge: &Edge) -> Result<(), MapError> {

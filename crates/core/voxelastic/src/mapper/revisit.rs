@@ -89,6 +89,11 @@ impl RevisitDetector {
         self.current.insert(current.unwrap_or(Revisit { submap: id, blocks, later: Vec::new() })).earlier()
     }
 
+    /// Forgets a revisit of a submap whose blocks are other ones now.
+    pub fn forget(&mut self, id: SubmapId) {
+        self.current = self.current.take().filter(|revisit| revisit.submap != id);
+    }
+
     /// The revisit in progress, to go on with it later.
     pub fn state(&self, atlas: &Atlas) -> Option<RevisitState> {
         let revisit = self.current.as_ref()?;

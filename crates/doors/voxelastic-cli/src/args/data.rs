@@ -147,6 +147,7 @@ impl DataArgs {
             metadata: self.reading.metadata.clone(),
             deskew: !self.reading.no_deskew,
             time_tolerance_s: self.reading.time_tolerance,
+            mount_timeout_s: None,
         }
     }
 

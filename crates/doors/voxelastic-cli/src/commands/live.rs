@@ -5,6 +5,7 @@ mod network;
 mod summary;
 
 use crate::args::{CorrectionArgs, DataArgs, ReadingArgs, ResumeArgs, SaveArgs, SettingFlags};
+use crate::commands::space::explore::seconds;
 use crate::failure::{self, Failure};
 use crate::progress::Progress;
 use crate::{allocator, interrupt, output};
@@ -14,6 +15,7 @@ use network::NetworkArgs;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use summary::Summary;
+use voxelastic::memory::MemorySize;
 use voxelastic::settings::Settings;
 use voxelastic_io::OpenOptions;
 use voxelastic_live::node::{KeptIn, ScansFrom, Setup, ViewerSetup, play};
@@ -89,6 +91,13 @@ pub struct LiveArgs {
     save: SaveArgs,
     #[command(flatten)]
     resume: ResumeArgs,
+    /// Of a robot whose poses may be corrected, keep so much of its scans on disk, in files without names in the folder of the map: what corrections bend is rebuilt from them while it
+    /// maps. Beyond it the oldest are given up; none keeps none
+    #[arg(long, value_name = "SIZE", default_value = "4GB", hide_short_help = true)]
+    keep_scans: MemorySize,
+    /// After so many seconds without the transform that says where the lidar is on the robot, take the poses of the robot for those of the lidar. Without this, scans wait for it
+    #[arg(long, value_name = "SECONDS", value_parser = seconds, requires = "ros2", hide_short_help = true)]
+    mount_timeout: Option<f64>,
     /// Print statistics as one JSON object on stdout
     #[arg(long)]
     json: bool,
@@ -130,7 +139,8 @@ pub fn run(args: &LiveArgs, quiet: bool) -> anyhow::Result<u8> {
             resume: args.resume.resume(),
             checkpoints: args.resume.checkpoints,
         }),
-        network: Some(args.network.setup()),
+        network: Some(args.network.setup()?),
+        keep_scans: args.keep_scans.0,
         planner,
         is_stopped: interrupt::requested,
     };
@@ -148,6 +158,7 @@ pub fn watch(data: &Path, rate: Option<Rate>, address: SocketAddr, detail: Detai
         viewer: Some(ViewerSetup { address, origins: Vec::new(), detail: detail.view_detail, token: None }),
         kept: None,
         network: None,
+        keep_scans: 0,
         planner: None,
         is_stopped: interrupt::requested,
     };
@@ -164,8 +175,9 @@ fn node(setup: &Setup, from: ScansFrom, prints_json: bool, quiet: bool) -> anyho
     allocator::give_back_large_pieces();
     interrupt::install(if setup.kept.is_some() { "mapping what has come and saving the map" } else { "closing the viewer" });
     let mut progress = Progress::new("scans", None, quiet);
-    let mut played = play(setup, from, &mut |mapping| progress.step(|| format!("{} submaps", mapping.atlas().submaps().len())))?;
+    let played = play(setup, from, &mut |mapping| progress.step(|| format!("{} submaps", mapping.atlas().submaps().len())))?;
     drop(progress);
+    let Some(mut played) = played else { return Ok(failure::DONE) };
     if setup.kept.is_some() {
         let bytes = played.save()?;
         let summary = Summary::of(&played, bytes);
@@ -195,7 +207,7 @@ impl LiveArgs {
         if self.from.is_some() {
             data.check(self.slam)?;
         }
-        Ok(reading(self.name(), &self.reading, corrections))
+        Ok(OpenOptions { mount_timeout_s: self.mount_timeout, ..reading(self.name(), &self.reading, corrections) })
     }
 
     /// Where scans come from.

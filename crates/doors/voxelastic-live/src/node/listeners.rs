@@ -1,10 +1,14 @@
 //! Who is told what happens to the map.
 
 use super::exploring::Exploring;
+use super::health::Rates;
 use super::offers::Offers;
 use super::watch::Watch;
 use crate::publisher::ShownScan;
-use crate::ros::output::OdometryLink;
+use crate::ros::heard::Heard;
+use crate::ros::output::{MAP_FRAME, OdometryLink};
+use crate::ros::services::Place;
+use voxelastic::Pose;
 use voxelastic::event::Event;
 use voxelastic_io::bag::live::LiveFrames;
 use voxelastic_run::{Mapping, Moment, Observer};
@@ -17,6 +21,10 @@ pub struct OnNetwork {
     pub offers: Offers,
     /// The frames of what comes; none for a recording.
     pub frames: Option<LiveFrames>,
+    /// What comes on which topic; none for a recording.
+    pub heard: Option<Heard>,
+    /// How often it comes.
+    pub rates: Rates,
     /// Where to go next, if it explores.
     pub exploring: Option<Exploring>,
 }
@@ -81,6 +89,15 @@ impl Observer for Listeners {
         }
     }
 
+    fn rebuilt(&mut self, moment: &Moment<'_>) {
+        let mapper = moment.mapping.mapper();
+        self.watch.iter_mut().for_each(|watch| watch.publisher.note(mapper, None));
+        if let Some(network) = &mut self.network {
+            network.offers.outputs.note_rebuilt(mapper);
+            network.exploring.iter_mut().for_each(Exploring::note);
+        }
+    }
+
     fn restarted(&mut self) {
         if let Some(watch) = &mut self.watch {
             watch.publisher.reset();
@@ -93,6 +110,44 @@ impl Observer for Listeners {
 }
 
 impl OnNetwork {
+    /// A pose of any frame of the robot in that of the map; in words why there is none.
+    pub fn in_map(&self, place: &Place) -> Result<Pose, String> {
+        let Place { frame, stamp, pose } = place;
+        if frame.is_empty() || frame == MAP_FRAME {
+            return Ok(*pose);
+        }
+        let frames = self.frames.as_ref().ok_or_else(|| format!("there is no frame but {MAP_FRAME} in what is played, so none {frame}"))?;
+        let link = self.offers.outputs.link();
+        let (root, t_map_root) = link.map_or((MAP_FRAME, Pose::identity()), |(link, t_map_odom)| (link.odom.as_str(), *t_map_odom));
+        let in_root = |time| {
+            let t_root_frame = frames.between(root, frame, time);
+            // Where poses are estimated, nobody else says where the robot is.
+            t_root_frame.or_else(|| Some(link?.0.t_odom_lidar * frames.between(&frames.lidar()?, frame, time)?))
+        };
+        match (in_root(*stamp), in_root(None)) {
+            (Some(t_root_frame), _) => Ok(t_map_root * t_root_frame * pose),
+            (None, Some(_)) => Err(format!(
+                "where {frame} was at {:.3} s is not known: ask within some seconds, or with a time stamp of 0 for now",
+                stamp.unwrap_or(0.0)
+            )),
+            (None, None) => {
+                let mut known = frames.known();
+                known.extend([MAP_FRAME.to_owned(), root.to_owned()]);
+                known.sort();
+                known.dedup();
+                Err(format!("the frame {frame} is not connected with the map; the frames are: {}", known.join(", ")))
+            }
+        }
+    }
+
+    /// What else publishes what this node publishes, in words.
+    pub fn rival(&self) -> Option<String> {
+        let [parent, child] = self.frames.as_ref()?.rival()?;
+        Some(format!(
+            "somebody else publishes the transform {parent} -> {child}, too: the robot jumps between the two; end one of them, or start this node with --no-tf"
+        ))
+    }
+
     /// How the odometry is tied to the last scan.
     fn odometry_link(&self, moment: &Moment<'_>) -> Option<OdometryLink> {
         let frames = self.frames.as_ref()?;

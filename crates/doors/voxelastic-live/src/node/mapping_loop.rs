@@ -1,20 +1,23 @@
 //! The loop between the feed and the mapper.
 
 use super::exploring::Exploring;
-use super::figures::{OverloadWarning, diagnosis, figures};
-use super::listeners::Listeners;
+use super::figures::{OverloadWarning, figures};
+use super::health::Condition;
+use super::listeners::{Listeners, OnNetwork};
 use super::loading::Loaded;
 use super::positions::Positions;
-use super::service::Service;
+use super::service::{Service, find_path};
 use super::tally::Tally;
 use super::watch::Watch;
 use crate::feed::{Feed, Next};
+use crate::ros::lifecycle::State;
 use crate::ros::output::Outputs;
-use crate::ros::services::{NotLoaded, Pending, Request, Response};
+use crate::ros::services::{NotLoaded, Pending, Place, Request, Response};
 use std::path::Path;
 use std::sync::mpsc::Receiver;
 use std::time::{Duration, Instant};
-use voxelastic_run::{Input, Mapping, MappingRun};
+use voxelastic_io::bag::live::LiveFrames;
+use voxelastic_run::{Code, Input, Mapping, MappingRun};
 
 /// How often an interrupt is looked for while nothing comes.
 const POLL_INTERVAL: Duration = Duration::from_millis(100);
@@ -31,6 +34,8 @@ pub struct Node {
     /// Where the reading of a recording was after each item; none for a robot.
     positions: Option<Positions>,
     is_paused: bool,
+    /// Of a managed node.
+    state: Option<State>,
     last_step: Instant,
     tally: Tally,
 }
@@ -45,8 +50,9 @@ pub struct Requests {
 
 impl Node {
     /// A node. `positions` are those of a recording.
-    pub fn new(positions: Option<Positions>, listeners: Listeners) -> Self {
-        Self { listeners, positions, is_paused: false, last_step: Instant::now(), tally: Tally::default() }
+    pub fn new(positions: Option<Positions>, listeners: Listeners, is_managed: bool) -> Self {
+        let state = is_managed.then_some(State::Unconfigured);
+        Self { listeners, positions, is_paused: is_managed, state, last_step: Instant::now(), tally: Tally::default() }
     }
 
     /// Maps what comes until the feed ends, and says so after each scan. Once it `is_stopped`, the feed stops; what had come is mapped.
@@ -61,7 +67,7 @@ impl Node {
         let mut overload = OverloadWarning::default();
         loop {
             let pause = self.show(run.mapping(), feed.counts().waiting > 0);
-            match feed.next(pause) {
+            match feed.next(if run.is_following() { Duration::ZERO } else { pause }) {
                 Next::Incoming(input, arrival) => {
                     let is_scan = input.time().is_some();
                     let first = run.scans() == 0;
@@ -81,6 +87,7 @@ impl Node {
                 Next::Nothing => {}
                 Next::End => break,
             }
+            run.follow(feed.counts().waiting > 0, &mut self.listeners);
             // A disk may keep it waiting.
             feed.begin_pause();
             self.answer(run, &mut requests);
@@ -91,7 +98,8 @@ impl Node {
             run.keep(feed.counts().waiting > 0);
             feed.end_pause();
             self.show_figures(feed, run);
-            if is_stopped() && !std::mem::replace(&mut self.tally.interrupted, true) {
+            let is_ended = is_stopped() || self.state == Some(State::Finalized);
+            if is_ended && !std::mem::replace(&mut self.tally.interrupted, true) {
                 feed.stop();
             }
         }
@@ -167,12 +175,55 @@ impl Node {
                     Some((exploring, outputs)) => exploring.answer(request, outputs),
                     None => Response::Done(Err("this node does not explore: start it with --explore".to_owned())),
                 },
+                Request::Grid => self.grid(run),
+                Request::State => Response::State(self.state.unwrap_or(State::Active)),
+                Request::ChangeState(id, label) => Response::Done(self.change_state(*id, label, run, requests)),
+                Request::Plan { start, goal, .. } => self.plan([start, goal], run),
                 request => requests.service.answer(request, run),
             };
             if let Response::Loaded(Err((_, words))) = &response {
                 tracing::warn!("on request: no map was loaded: {words}");
             }
             pending.answer(response);
+        }
+    }
+
+    fn grid(&mut self, run: &MappingRun) -> Response {
+        match &mut self.listeners.network {
+            Some(OnNetwork { offers, .. }) => {
+                let outputs = &mut offers.outputs;
+                Response::Grid(run.mapping().pool().install(|| outputs.grid(run.mapping().atlas())))
+            }
+            None => Response::Done(Err("no grid is published here".to_owned())),
+        }
+    }
+
+    /// Leads a managed node to another state.
+    fn change_state(&mut self, id: u8, label: &str, run: &mut MappingRun, requests: &mut Requests) -> Result<String, String> {
+        let now = self.state.ok_or("this is no managed node: start it with --lifecycle")?;
+        let transition = now.transition(id, label).ok_or_else(|| format!("no transition {id} {label:?} begins where the node is {}", now.label()))?;
+        if transition.cleans_up() {
+            self.reset(run, requests).map_err(|problem| problem.one_line())?;
+        }
+        self.state = Some(transition.to);
+        self.is_paused = transition.to != State::Active;
+        tracing::info!("on request: the node is {}", transition.to.label());
+        Ok(transition.to.label().to_owned())
+    }
+
+    /// A path between two places in frames of the robot; none, and a warning, if a frame is not known.
+    fn plan(&self, ends: [&Place; 2], run: &mut MappingRun) -> Response {
+        let in_map = |place: &Place| match &self.listeners.network {
+            Some(network) => network.in_map(place),
+            None => Ok(place.pose),
+        };
+        let [start, goal] = ends.map(in_map);
+        match (start, goal) {
+            (Ok(start), Ok(goal)) => Response::Path(find_path(run.mapping(), &start, &goal)),
+            (Err(problem), _) | (_, Err(problem)) => {
+                run.warnings_mut().add(Code::RequestRefused, format!("no path: {problem}"), "ask in one of these frames");
+                Response::Path(Vec::new())
+            }
         }
     }
 
@@ -214,28 +265,44 @@ impl Node {
         }
     }
 
-    fn show_figures(&mut self, feed: &Feed, run: &MappingRun) {
-        let (left_out, paused, delay_ms) = (feed.counts().left_out, self.is_paused, self.tally.delays_ms.last());
-        let figures = || figures("mapping", left_out, delay_ms, run.mapping());
+    fn show_figures(&mut self, feed: &Feed, run: &mut MappingRun) {
+        let (left_out, is_paused, delay_ms) = (feed.counts().left_out, self.is_paused, self.tally.delays_ms.last());
         if let Some(watch) = &mut self.listeners.watch {
-            watch.figures(figures);
+            watch.figures(|| figures("mapping", left_out, delay_ms, run.mapping()));
         }
         let is_worse = std::mem::replace(&mut self.tally.left_out, left_out) < left_out;
-        if let Some(network) = &mut self.listeners.network {
-            let node = network.node.clone();
-            let exploring = network.exploring.as_ref();
-            let diagnosis = || {
-                let (health, words, mut all) = diagnosis(&figures(), run.warnings().all(), is_worse, paused);
-                all.extend(exploring.into_iter().flat_map(Exploring::figures).map(|(key, value)| (key.to_owned(), value)));
-                (health, words, all)
-            };
-            network.offers.outputs.diagnostics(&node, diagnosis);
+        let Some(network) = &mut self.listeners.network else { return };
+        for note in network.frames.iter().flat_map(LiveFrames::take_notes) {
+            run.warnings_mut().add_said(Code::MountChanged, note);
         }
+        if !network.offers.outputs.is_time_for_diagnostics() {
+            self.tally.was_worse |= is_worse;
+            return;
+        }
+        let condition = Condition {
+            warnings: run.warnings().all(),
+            is_paused: is_paused && self.state.is_none_or(|state| state == State::Active),
+            state: self.state.filter(|state| *state != State::Active),
+            is_worse: std::mem::take(&mut self.tally.was_worse) || is_worse,
+            bent: Some(run.bent()).filter(|bent| run.is_following() || bent.waiting + bent.for_good > 0),
+            // Once it is to end, it does not listen any more.
+            topics: network.heard.as_ref().filter(|_| !self.tally.interrupted).map(|heard| network.rates.of(heard)).unwrap_or_default(),
+            waits_for: network.frames.as_ref().and_then(LiveFrames::waits_for),
+            rival: network.rival(),
+        };
+        let (health, words, mut all) = condition.diagnosis(&figures("mapping", left_out, delay_ms, run.mapping()));
+        all.extend(network.exploring.iter().flat_map(Exploring::figures).map(|(key, value)| (key.to_owned(), value)));
+        let node = network.node.clone();
+        self.tally.say(health, &words);
+        network.offers.outputs.diagnostics(&node, (health, words, all));
     }
 
     fn finish(mut self, run: &mut MappingRun) -> (Tally, Option<Watch>) {
         self.tally.not_located = run.scans_waiting();
         run.finish(&mut self.listeners);
+        while run.is_following() {
+            run.follow(false, &mut self.listeners);
+        }
         if let Some(network) = &mut self.listeners.network {
             network.offers.outputs.finish(run.mapping().mapper());
             self.tally.exploration = network.exploring.as_ref().map(Exploring::summary);

@@ -3,6 +3,7 @@
 mod delays;
 mod exploring;
 mod figures;
+mod health;
 mod listeners;
 mod loading;
 mod mapping_loop;
@@ -26,6 +27,7 @@ use crate::planner::PlannerSettings;
 use crate::ros::services::RequestSender;
 use crate::viewer::Control;
 use exploring::Exploring;
+use health::Rates;
 use listeners::{Listeners, OnNetwork};
 use mapping_loop::{Node, Requests};
 use network::Network;
@@ -58,6 +60,8 @@ pub struct Setup {
     pub kept: Option<KeptIn>,
     /// What is published, and the network.
     pub network: Option<NetworkSetup>,
+    /// Of a robot whose poses may be corrected, so many bytes of its scans are kept on disk, about: what corrections bend is rebuilt from them while the node runs.
+    pub keep_scans: u64,
     /// Where to go next is planned, if asked for.
     pub planner: Option<PlannerSettings>,
     /// Whether the input is to end, which ends the node orderly: what has come is mapped and the map is kept.
@@ -77,11 +81,12 @@ pub struct KeptIn {
     pub checkpoints: CheckpointEvery,
 }
 
-/// Maps what comes until it ends or is to end; the map is then complete, and not saved yet. `progress` is called after each scan.
+/// Maps what comes until it ends or is to end; the map is then complete, and not saved yet. `progress` is called after each scan. None if a robot was stopped before its first scan was
+/// mapped.
 ///
 /// # Errors
 /// When nothing can be read or mapped, a network, a port or the directory of the map cannot be had, or settings are wrong.
-pub fn play(setup: &Setup, from: ScansFrom, progress: &mut dyn FnMut(&Mapping)) -> Result<Played> {
+pub fn play(setup: &Setup, from: ScansFrom, progress: &mut dyn FnMut(&Mapping)) -> Result<Option<Played>> {
     let start = Instant::now();
     let is_stopped = setup.is_stopped;
     setup.settings.validate()?;
@@ -96,7 +101,7 @@ pub fn play(setup: &Setup, from: ScansFrom, progress: &mut dyn FnMut(&Mapping)) 
     let early = if is_robot { setup.watch(&requests)? } else { None };
     let joined = network.as_mut().zip(setup.network.as_ref());
     let opened = Source::open(from, &setup.reading, joined, recording.as_ref(), pool.current_num_threads(), is_stopped)?;
-    let mut source = opened.ok_or_else(|| setup.nothing("interrupted before the topics were there"))?;
+    let Some(mut source) = opened else { return Ok(setup.nothing_came("interrupted before the topics were there")) };
     let (mut warnings, comes) = (Warnings::default(), source.comes());
     let mut unfinished = None;
     let kept = match &setup.kept {
@@ -119,6 +124,10 @@ pub fn play(setup: &Setup, from: ScansFrom, progress: &mut dyn FnMut(&Mapping)) 
         run.keep_log_on_disk();
     }
     run.warnings_mut().append(warnings);
+    if is_robot && setup.keep_scans > 0 && setup.may_be_corrected(&run) {
+        let folder = run.target().map_or_else(std::env::temp_dir, |target| target.path().to_owned());
+        run.keep_scans(&folder, setup.keep_scans);
+    }
     let watch = if early.is_some() { early } else { setup.watch(&requests)? };
     let explores = setup.planner.is_some();
     let offers = setup.network.as_ref().map(|network_setup| Offers::announce(network_setup, network.as_mut(), &requests, explores));
@@ -129,7 +138,9 @@ pub fn play(setup: &Setup, from: ScansFrom, progress: &mut dyn FnMut(&Mapping)) 
         }
         // Others on the network get poses and surfaces in the frame in which poses came.
         run.keep_frame();
-        OnNetwork { node: network_setup.node.clone(), offers, frames, exploring }
+        frames.iter().for_each(|frames| offers.outputs.set_frames(frames.clone()));
+        let node = network_setup.names.full().trim_start_matches('/').to_owned();
+        OnNetwork { node, offers, frames, heard: source.heard.clone(), rates: Rates::default(), exploring }
     });
     let feed = Feed::start(transport, source.overload())
         .map_err(|e| Error::new(format!("cannot start a thread: {e}"), "end other programs, or raise the limit of processes"))?;
@@ -137,17 +148,20 @@ pub fn play(setup: &Setup, from: ScansFrom, progress: &mut dyn FnMut(&Mapping)) 
     if run.scans_resumed() > 0 {
         listeners.show_before(run.mapping());
     }
-    let node = Node::new(source.positions(), listeners);
+    let node = Node::new(source.positions(), listeners, setup.network.as_ref().is_some_and(|network| network.lifecycle && network.backend.is_some()));
     let (tally, watch) = node.run(&feed, &mut run, Requests { pending, service: Service::default() }, is_stopped, progress);
     if tally.not_located > 0 {
         tracing::warn!("{} scans are not in the map: where they belong in what was mapped before was not found until the end", tally.not_located);
     }
     let played_s = start.elapsed().as_secs_f64();
+    if run.scans() == 0 && is_robot && (is_stopped() || tally.interrupted) {
+        return Ok(setup.nothing_came("interrupted before the first scan was mapped"));
+    }
     if run.scans() == 0 {
         return Err(setup.nothing(if is_stopped() { "interrupted before the first scan was mapped" } else { "no scan could be mapped" }));
     }
     run.complete(source.clouds().as_mut(), |_, _| !is_stopped());
-    Ok(Played {
+    Ok(Some(Played {
         scans_skipped: run.skipped() + source.without_pose(),
         scans_left_out: run.position().before().left_out + feed.counts().left_out,
         scans_came: run.position().before().scans + feed.counts().scans,
@@ -161,7 +175,7 @@ pub fn play(setup: &Setup, from: ScansFrom, progress: &mut dyn FnMut(&Mapping)) 
         watch,
         played_s,
         start,
-    })
+    }))
 }
 
 impl Setup {
@@ -178,6 +192,17 @@ impl Setup {
     fn watch(&self, requests: &RequestSender) -> Result<Option<Watch>> {
         let start = |viewer: &ViewerSetup| Watch::start(&self.name, viewer, self.control(viewer, requests)?);
         self.viewer.as_ref().map(start).transpose()
+    }
+
+    /// Whether poses of scans that are mapped may be corrected later.
+    fn may_be_corrected(&self, run: &MappingRun) -> bool {
+        run.is_raw() == Some(true) || self.reading.correction_topic.is_some() || self.corrections.optimise || self.corrections.loops == Some(true)
+    }
+
+    /// A robot was stopped before it had done anything, which is no fault.
+    fn nothing_came(&self, what: &str) -> Option<Played> {
+        tracing::info!("{}: {what}; no map was written", self.name.display());
+        None
     }
 
     fn nothing(&self, what: &str) -> Error {

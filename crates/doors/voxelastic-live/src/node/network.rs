@@ -1,6 +1,7 @@
 //! The network of ROS 2 that a node joins.
 
 use crate::ros::middleware::{Middleware, MiddlewareError, NodeOptions, Parameter};
+use crate::ros::names::Names;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use voxelastic::Settings;
@@ -9,8 +10,8 @@ use voxelastic_run::{Error, Result};
 /// What a node publishes, and where scans may come from.
 #[derive(Clone, Debug)]
 pub struct NetworkSetup {
-    /// Name of the node, and first part of the names of its topics and services.
-    pub node: String,
+    /// Names of the node, its topics and its services.
+    pub names: Names,
     /// What messages of ROS 2 travel by; none for a node that is in no network.
     pub backend: Option<Backend>,
     /// The domain; none for that of `ROS_DOMAIN_ID`, or 0.
@@ -19,6 +20,10 @@ pub struct NetworkSetup {
     pub is_local: bool,
     /// Whether time is that of the topic `/clock`.
     pub use_sim_time: bool,
+    /// Whether the transform from the map to the odometry is published.
+    pub transforms: bool,
+    /// Whether it is a managed node: it maps once it is configured and activated.
+    pub lifecycle: bool,
     /// Where what is published is served to Foxglove.
     pub foxglove: Option<SocketAddr>,
     /// Origins whose pages may read what is served there; without any, Foxglove's own.
@@ -41,7 +46,7 @@ pub enum Backend {
 /// A node.
 pub struct Network {
     middleware: Box<dyn Middleware>,
-    node: String,
+    names: Names,
 }
 
 impl Network {
@@ -57,7 +62,8 @@ impl Network {
         let says = |name: &str, value: &str| std::env::var(name).is_ok_and(|text| text.eq_ignore_ascii_case(value));
         let domain = std::env::var("ROS_DOMAIN_ID").ok().and_then(|text| text.trim().parse().ok());
         let options = NodeOptions {
-            name: setup.node.clone(),
+            name: setup.names.node().to_owned(),
+            namespace: setup.names.namespace().to_owned(),
             domain: setup.domain.or(domain).unwrap_or(0),
             local_only: setup.is_local || says("ROS_LOCALHOST_ONLY", "1") || says("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST"),
             for_cyclone: says("RMW_IMPLEMENTATION", "rmw_cyclonedds_cpp"),
@@ -72,13 +78,18 @@ impl Network {
             };
             Error::new(problem.to_string(), remedy)
         })?;
-        tracing::info!("node /{} in domain {} over {}", options.name, options.domain, middleware.name());
-        Ok(Some(Self { middleware, node: options.name }))
+        tracing::info!("node {} in domain {} over {}", setup.names.full(), options.domain, middleware.name());
+        Ok(Some(Self { middleware, names: setup.names.clone() }))
     }
 
-    /// Its name.
-    pub fn node(&self) -> &str {
-        &self.node
+    /// Its names.
+    pub fn names(&self) -> &Names {
+        &self.names
+    }
+
+    /// Transforms are published, and heard, on another topic.
+    pub fn set_transforms(&mut self, topic: &str) {
+        self.names = self.names.clone().with("/tf", topic);
     }
 
     /// What messages travel by.

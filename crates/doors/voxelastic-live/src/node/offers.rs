@@ -1,7 +1,9 @@
 //! What a node offers: topics and services, to a network, to Foxglove and to files.
 
 use super::network::{Network, NetworkSetup};
+use crate::ros::managed;
 use crate::ros::middleware::{Handle, MiddlewareError};
+use crate::ros::names::Names;
 use crate::ros::output::{OutputOptions, Outputs};
 use crate::ros::services::{RequestSender, offer};
 use std::net::SocketAddr;
@@ -26,9 +28,10 @@ impl Offers {
         if network.is_none() && setup.foxglove.is_none() {
             return Ok(None);
         }
-        let mut offers = Self { outputs: Outputs::new(OutputOptions { explores, ..OutputOptions::default() }), held: Vec::new() };
+        let mut offers =
+            Self { outputs: Outputs::new(OutputOptions { explores, transforms: setup.transforms, ..OutputOptions::default() }), held: Vec::new() };
         if let Some(network) = network {
-            let announced = offers.add_network(network, &setup.node, requests);
+            let announced = offers.add_network(network, setup.lifecycle, requests);
             announced.map_err(|problem| Error::new(problem.to_string(), "another name of the node may help: --node"))?;
         }
         if let Some(address) = setup.foxglove {
@@ -37,15 +40,19 @@ impl Offers {
         }
         if let Some(file) = &setup.record {
             offers
-                .add_recording(&recording_of_outputs(file), &setup.node)
+                .add_recording(&recording_of_outputs(file), &setup.names)
                 .map_err(|problem| Error::new(problem.to_string(), "name a file that does not exist"))?;
         }
         Ok(Some(offers))
     }
 
-    fn add_network(&mut self, network: &mut Network, node: &str, requests: &RequestSender) -> Result<(), MiddlewareError> {
-        self.outputs.add(network.middleware(), node)?;
-        self.held.extend(offer(network.middleware(), node, requests)?);
+    fn add_network(&mut self, network: &mut Network, is_managed: bool, requests: &RequestSender) -> Result<(), MiddlewareError> {
+        let names = network.names().clone();
+        self.outputs.add(network.middleware(), &names)?;
+        self.held.extend(offer(network.middleware(), &names, requests)?);
+        if is_managed {
+            self.held.extend(managed::offer(network.middleware(), &names, requests)?);
+        }
         Ok(())
     }
 
@@ -53,8 +60,8 @@ impl Offers {
     fn add_foxglove(&mut self, address: SocketAddr, setup: &NetworkSetup) -> Result<(), MiddlewareError> {
         use crate::ros::foxglove::{APP, FoxgloveServer};
         let origins = if setup.origins.is_empty() { vec![APP.to_owned()] } else { setup.origins.clone() };
-        let server = FoxgloveServer::start(&setup.node, address, origins)?;
-        self.outputs.add_sinks(&setup.node, |profile| server.advertise(profile))?;
+        let server = FoxgloveServer::start(setup.names.node(), address, origins)?;
+        self.outputs.add_sinks(&setup.names, |profile| server.advertise(profile))?;
         tracing::info!("Foxglove: open a connection to ws://{}", server.address());
         if !server.address().ip().is_loopback() {
             tracing::warn!("everyone who reaches {} can read what is published; nobody can change anything", server.address());
@@ -64,10 +71,10 @@ impl Offers {
     }
 
     #[cfg(feature = "foxglove")]
-    fn add_recording(&mut self, file: &Path, node: &str) -> Result<(), MiddlewareError> {
+    fn add_recording(&mut self, file: &Path, names: &Names) -> Result<(), MiddlewareError> {
         use crate::ros::middleware::Sink;
         let recorder = crate::ros::recorder::Recorder::create(file)?;
-        self.outputs.add_sinks(node, |profile| Ok(Box::new(recorder.topic(&profile.name, &profile.kind)?) as Box<dyn Sink>))?;
+        self.outputs.add_sinks(names, |profile| Ok(Box::new(recorder.topic(&profile.name, &profile.kind)?) as Box<dyn Sink>))?;
         tracing::info!("what is published is recorded in {}", file.display());
         self.held.push(Handle::new(recorder));
         Ok(())
@@ -79,7 +86,7 @@ impl Offers {
     }
 
     #[cfg(not(feature = "foxglove"))]
-    fn add_recording(&mut self, _: &Path, _: &str) -> Result<(), MiddlewareError> {
+    fn add_recording(&mut self, _: &Path, _: &Names) -> Result<(), MiddlewareError> {
         Err(without())
     }
 }

@@ -31,7 +31,6 @@ impl Service {
     /// Answers a request that does not change the map.
     pub fn answer(&mut self, request: &Request, run: &mut MappingRun) -> Response {
         let done = match request {
-            Request::Plan { start, goal, .. } => return Response::Path(find_path(run.mapping(), start, goal)),
             Request::Distances(points) => {
                 return Response::Distances(run.mapping().pool().install(|| self.distances(points, run)));
             }
@@ -108,8 +107,8 @@ fn write_mesh(path: &Path, mesh: &voxelastic::surface::Mesh, origin: Origin) -> 
     Ok(write_ply(path, &file)?)
 }
 
-/// A path between two places; none if there is no way.
-fn find_path(mapping: &Mapping, start: &Pose, goal: &Pose) -> Vec<Pose> {
+/// A path between two places in the map frame; none if there is no way.
+pub fn find_path(mapping: &Mapping, start: &Pose, goal: &Pose) -> Vec<Pose> {
     let [from, to] = [start, goal].map(|pose| <[f64; 3]>::from(pose.translation.vector));
     let request = voxelastic_plan::Request { time: PLANNING, ..voxelastic_plan::Request::new(from, to, Robot::flying(RADIUS)) };
     match mapping.pool().install(|| plan(&mapping.atlas().query(), &request)) {

@@ -6,7 +6,9 @@ use super::positions::Positions;
 use crate::feed::Overload;
 use crate::ouster::{LIDAR_PORT, OusterAddress, OusterInput};
 use crate::replay::{Lateness, Rate, Replay};
-use crate::ros::input::{Lost, TopicInput, discover};
+use crate::ros::discovery::discover;
+use crate::ros::heard::Heard;
+use crate::ros::input::{Lost, TopicInput};
 use crate::spinning::{SpinningAddress, SpinningInput};
 use crate::transport::Transport;
 use std::net::SocketAddr;
@@ -75,6 +77,8 @@ pub struct Source {
     pub sensor: Option<BeamModel>,
     /// The frames of topics.
     pub frames: Option<LiveFrames>,
+    /// What comes on which topic.
+    pub heard: Option<Heard>,
     lost: Lost,
     lateness: Lateness,
     /// Whether a decoder failed in a way that is a mistake of this program.
@@ -123,11 +127,14 @@ impl Source {
         threads: usize,
         is_stopped: fn() -> bool,
     ) -> Result<Option<Self>> {
-        let node = network.node().to_owned();
-        let is_own =
-            move |name: &str| name.strip_prefix('/').and_then(|name| name.strip_prefix(node.as_str())).is_some_and(|rest| rest.starts_with('/'));
-        let found = discover(network.middleware(), options, slam, &is_own, &is_stopped)?;
+        let names = network.names().clone();
+        let found = discover(network.middleware(), &names, options, slam, &is_stopped)?;
         let Some((topics, is_raw)) = found else { return Ok(None) };
+        if let (true, [_, second, ..]) = (is_raw, topics.clouds()) {
+            let problem = format!("poses can be estimated from one topic of clouds, not from {second} besides");
+            return Err(Error::usage(problem, "name a topic of poses (--pose-topic), or record the topics and map the recording with both"));
+        }
+        network.set_transforms(topics.transforms()[0]);
         let topics = if setup.use_sim_time { topics.with_clock() } else { topics };
         if is_raw && !slam {
             tracing::info!("no topic of poses: they are estimated from the scans (--pose-topic names one)");
@@ -137,8 +144,8 @@ impl Source {
         let input = TopicInput::subscribe(network.middleware(), topics, is_raw, options, &tap)
             .map_err(|problem| Error::new(problem.to_string(), "check the network and the names of the topics"))?;
         let odometry = if is_raw { Some(stage(options, threads)?) } else { None };
-        let (frames, lost) = (Some(input.frames()), input.lost());
-        Ok(Some(Self { frames, lost, ..Self::passing(Box::new(input), odometry, None) }))
+        let (frames, lost, heard) = (Some(input.frames()), input.lost(), Some(input.heard()));
+        Ok(Some(Self { frames, lost, heard, ..Self::passing(Box::new(input), odometry, None) }))
     }
 
     fn ouster(address: &OusterAddress, options: &OpenOptions, threads: usize) -> Result<Self> {
@@ -174,7 +181,7 @@ impl Source {
 
     fn new(scans: Scans, odometry: Option<OdometryStage>, sensor: Option<BeamModel>) -> Self {
         let (lost, lateness) = (Lost::default(), Lateness::default());
-        Self { scans, odometry, sensor, frames: None, lost, lateness, is_broken: Arc::default() }
+        Self { scans, odometry, sensor, frames: None, heard: None, lost, lateness, is_broken: Arc::default() }
     }
 
     /// Whether what comes can be had again.

@@ -46,7 +46,7 @@ impl Dds {
         let is_started = Arc::new(AtomicBool::new(false));
         // The library's own services for parameters are for clients like those of Fast DDS.
         let declared = node_options(options, Arc::clone(&is_started)).start_parameter_services(!options.for_cyclone);
-        let name = NodeName::new("/", &options.name).map_err(|e| failed(&e))?;
+        let name = NodeName::new(if options.namespace.is_empty() { "/" } else { &options.namespace }, &options.name).map_err(|e| failed(&e))?;
         let mut node = context.new_node(name, declared).map_err(|e| failed(&format!("{e:?}")))?;
         is_started.store(true, Ordering::Relaxed);
         let spinner = node.spinner().map_err(|e| failed(&e))?;

@@ -1,13 +1,13 @@
 //! The messages of topics as a transport.
 
+use super::heard::Heard;
 use super::middleware::{Delivery, Handle, Middleware, MiddlewareError, TopicProfile};
 use crate::transport::Transport;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::{TrySendError, sync_channel};
-use std::time::{Duration, Instant};
+use voxelastic_io::OpenOptions;
 use voxelastic_io::bag::live::{LiveEvents, LiveFrames, LiveScans, LiveTopic, LiveTopics, Polled};
-use voxelastic_io::{Error, OpenOptions};
 use voxelastic_run::Input;
 use voxelastic_slam::slam::RawScan;
 
@@ -17,47 +17,6 @@ const WAITING: usize = 4096;
 const DEPTH: usize = 100;
 /// Clouds that a network keeps for us.
 const CLOUDS: usize = 5;
-/// How often it is looked which topics there are.
-const LOOK: Duration = Duration::from_millis(100);
-/// After the first topic of clouds appeared, others may still appear for this long.
-const SETTLING: Duration = Duration::from_secs(2);
-/// It is said that something is waited for after this time.
-const SILENCE: Duration = Duration::from_secs(3);
-
-/// Waits until the topics are there that are needed, and chooses among them. `is_own` says which are the node's. Without a topic of poses they are to be
-/// estimated, which the second value says; `estimates_poses` asks for that. None if `is_stopped` became true.
-///
-/// # Errors
-/// [`Error::Ambiguous`] where several topics could be meant.
-pub fn discover(
-    middleware: &dyn Middleware,
-    options: &OpenOptions,
-    estimates_poses: bool,
-    is_own: &dyn Fn(&str) -> bool,
-    is_stopped: &dyn Fn() -> bool,
-) -> Result<Option<(LiveTopics, bool)>, Error> {
-    let (begin, mut appeared, mut said) = (Instant::now(), None, false);
-    loop {
-        if is_stopped() {
-            return Ok(None);
-        }
-        let mut there = middleware.published();
-        there.retain(|(name, _)| !is_own(name));
-        let chosen = LiveTopics::choose(middleware.name(), &there, estimates_poses, options);
-        let is_settled = |appeared: &mut Option<Instant>| appeared.get_or_insert_with(Instant::now).elapsed() >= SETTLING;
-        match chosen {
-            Ok(topics) if is_settled(&mut appeared) => return Ok(Some((topics, estimates_poses))),
-            Err(Error::NoPoses { .. }) if is_settled(&mut appeared) && options.pose_topic.is_none() => {
-                return LiveTopics::choose(middleware.name(), &there, true, options).map(|topics| Some((topics, true)));
-            }
-            Err(error @ Error::Ambiguous { .. }) if is_settled(&mut appeared) => return Err(error),
-            Err(error) if begin.elapsed() >= SILENCE && !std::mem::replace(&mut said, true) => tracing::info!("waiting: {error}"),
-            _ => {}
-        }
-        std::thread::sleep(LOOK);
-    }
-}
-
 /// Counts of what a subscription could not take.
 #[derive(Clone, Debug, Default)]
 pub struct Lost(Arc<AtomicUsize>);
@@ -79,6 +38,7 @@ pub struct TopicInput {
     player: Player,
     subscriptions: Vec<Handle>,
     lost: Lost,
+    heard: Heard,
 }
 
 enum Player {
@@ -101,9 +61,11 @@ impl TopicInput {
         let (sender, messages) = sync_channel(WAITING);
         let lost = Lost::default();
         let mut subscriptions = Vec::new();
+        let heard = Heard::new(topics.subscriptions().iter().map(|topic| (topic.name.clone(), topic.is_steady)));
         for (number, topic) in topics.subscriptions().iter().enumerate() {
-            let (tapped, sender, lost) = (tap(topic)?, sender.clone(), lost.clone());
+            let (tapped, sender, lost, heard) = (tap(topic)?, sender.clone(), lost.clone(), heard.clone());
             let deliver = move |message: Vec<u8>| {
+                heard.note(number);
                 tapped.iter().for_each(|record| record(&message));
                 if let Err(TrySendError::Full(_)) = sender.try_send((number, message)) {
                     lost.0.fetch_add(1, Ordering::Relaxed);
@@ -117,7 +79,7 @@ impl TopicInput {
         } else {
             Player::Events(Box::new(LiveEvents::new(topics, messages, options)))
         };
-        Ok(Self { player, subscriptions, lost })
+        Ok(Self { player, subscriptions, lost, heard })
     }
 
     /// The frames of what comes.
@@ -126,6 +88,11 @@ impl TopicInput {
             Player::Events(events) => events.frames(),
             Player::Scans(scans) => scans.frames(),
         }
+    }
+
+    /// What came on which topic, and when.
+    pub fn heard(&self) -> Heard {
+        self.heard.clone()
     }
 
     /// Counts of what could not be taken.

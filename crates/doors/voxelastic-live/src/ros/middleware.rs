@@ -115,8 +115,10 @@ impl MiddlewareError {
 /// How a node joins a network.
 #[derive(Clone, Debug, Default)]
 pub struct NodeOptions {
-    /// Name of the node.
+    /// Name of the node, without its namespace.
     pub name: String,
+    /// Its namespace, such as `/robot1`; empty for none.
+    pub namespace: String,
     /// The domain: nodes of other domains are not seen.
     pub domain: u16,
     /// Whether only programs on this machine are talked to.

@@ -5,22 +5,29 @@
 //! | [`middleware`] | what DDS and Zenoh have in common: subscribe, publish, serve |
 //! | `dds`, `zenoh` | the two of them (feature `ros2`) |
 //! | `foxglove`, `recorder` | what is published, over Foxglove's protocol and into MCAP files (feature `foxglove`) |
-//! | [`input`] | the messages of topics as a transport |
+//! | [`discovery`] | which topics of a network are a robot's |
+//! | [`names`] | namespaces and remaps, as ROS 2 has them |
+//! | [`input`], [`heard`] | the messages of topics as a transport; how many came, and when |
 //! | [`output`] | what is published about the map, and when |
 //! | [`messages`] | messages as bytes |
-//! | [`services`] | requests to the node |
+//! | [`services`], [`managed`], [`lifecycle`] | requests to the node, and to one that is led through its states |
 //!
 //! Messages are handled as bytes (CDR, by [`voxelastic_io::ros`]): the same bytes go to DDS, to Zenoh and into recordings.
 
 #[cfg(feature = "ros2")]
 pub mod dds;
+pub mod discovery;
 #[cfg(feature = "foxglove")]
 pub mod foxglove;
+pub mod heard;
 pub mod input;
 #[cfg(feature = "ros2")]
 mod interfaces;
+pub mod lifecycle;
+pub mod managed;
 pub mod messages;
 pub mod middleware;
+pub mod names;
 #[cfg(feature = "ros2")]
 mod outbox;
 pub mod output;

@@ -30,7 +30,7 @@ pub(super) fn offer(middleware: &mut dyn Middleware, options: &NodeOptions) -> R
     let serve = |(name, kind, answer): Service| {
         let values = Arc::clone(&values);
         let answer: Answer = Box::new(move |request| answer(request, &values));
-        middleware.serve(&format!("/{}/{name}", options.name), &format!("rcl_interfaces/srv/{kind}"), answer)
+        middleware.serve(&format!("{}/{}/{name}", options.namespace, options.name), &format!("rcl_interfaces/srv/{kind}"), answer)
     };
     services.into_iter().map(serve).collect()
 }

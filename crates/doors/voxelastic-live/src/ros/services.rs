@@ -1,7 +1,9 @@
 //! Requests to the node: what others may ask of it, and what it answers.
 
+use super::lifecycle::State;
 use super::messages::{Grid, Header, write_occupancy_grid, write_path};
 use super::middleware::{Answer, Handle, Middleware, MiddlewareError};
+use super::names::Names;
 use super::output::MAP_FRAME;
 use nalgebra::{Quaternion, UnitQuaternion};
 use std::path::PathBuf;
@@ -26,12 +28,12 @@ pub enum Request {
     Pause(bool),
     /// Write the surface to disk.
     Mesh,
-    /// Find a path between two places in the map frame; the end may be `tolerance` metres from the goal.
+    /// Find a path between two places; the end may be `tolerance` metres from the goal.
     Plan {
         /// Where it begins.
-        start: Pose,
+        start: Place,
         /// Where it ends.
-        goal: Pose,
+        goal: Place,
         /// Metres.
         tolerance: f32,
     },
@@ -43,6 +45,23 @@ pub enum Request {
     Explore(bool),
     /// Go home, for a robot that explores.
     ReturnHome,
+    /// The grid as it is.
+    Grid,
+    /// The state of a managed node.
+    State,
+    /// A transition to another state, by its number or its label.
+    ChangeState(u8, String),
+}
+
+/// A pose in any frame of the robot.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Place {
+    /// The frame; empty for that of the map.
+    pub frame: String,
+    /// Time at which the frame is meant, seconds; none for now.
+    pub stamp: Option<f64>,
+    /// The pose in that frame.
+    pub pose: Pose,
 }
 
 /// The distance at a point to the nearest surface.
@@ -76,6 +95,10 @@ pub enum Response {
     Path(Vec<Pose>),
     /// Whether the map was loaded, and more about it.
     Loaded(Result<String, (NotLoaded, String)>),
+    /// The grid, as the message of its topic.
+    Grid(Vec<u8>),
+    /// The state of a managed node.
+    State(State),
     /// Distances, none where nothing is known; or why there are none.
     Distances(Result<Vec<Option<Distance>>, String>),
 }
@@ -117,12 +140,12 @@ impl RequestSender {
 /// Points that can be asked for at a time: mapping waits meanwhile.
 const MOST_POINTS: usize = 100_000;
 
-/// Offers the services of a node: `~/save`, `~/reset`, `~/mesh` (`std_srvs/Trigger`), `~/return_home` (`std_srvs/Trigger`), `~/pause`, `~/explore` (`std_srvs/SetBool`), `~/plan` (`nav_msgs/GetPlan`), `~/load`
+/// Offers the services of a node: `~/save`, `~/reset`, `~/mesh` (`std_srvs/Trigger`), `~/return_home` (`std_srvs/Trigger`), `~/pause`, `~/explore` (`std_srvs/SetBool`), `~/plan` (`nav_msgs/GetPlan`), `~/map` (`nav_msgs/GetMap`), `~/load`
 /// (`nav_msgs/LoadMap`), `~/distances` (`voxelastic_msgs/GetDistances`, defined in the folder `ros` of this crate).
 ///
 /// # Errors
 /// When the network refuses.
-pub fn offer(middleware: &mut dyn Middleware, node: &str, requests: &RequestSender) -> Result<Vec<Handle>, MiddlewareError> {
+pub fn offer(middleware: &mut dyn Middleware, names: &Names, requests: &RequestSender) -> Result<Vec<Handle>, MiddlewareError> {
     let trigger = |request: Request| {
         let requests = requests.clone();
         let answer: Answer = Box::new(move |_| Some(done(requests.ask(request.clone())?)));
@@ -135,10 +158,9 @@ pub fn offer(middleware: &mut dyn Middleware, node: &str, requests: &RequestSend
     };
     let planning = requests.clone();
     let plan: Answer = Box::new(move |message| {
-        let (request, frame) = plan_request(message)?;
-        let Response::Path(poses) = planning.ask(request)? else { return None };
+        let Response::Path(poses) = planning.ask(plan_request(message)?)? else { return None };
         let poses: Vec<(f64, Pose)> = poses.into_iter().map(|pose| (0.0, pose)).collect();
-        Some(write_path(&mut MessageWriter::new(), Header { stamp: 0.0, frame: &frame }, &poses).finish())
+        Some(write_path(&mut MessageWriter::new(), Header { stamp: 0.0, frame: MAP_FRAME }, &poses).finish())
     });
     let loading = requests.clone();
     let load: Answer = Box::new(move |message| Some(loaded(loading.ask(Request::Load(load_request(message)?))?)));
@@ -150,7 +172,11 @@ pub fn offer(middleware: &mut dyn Middleware, node: &str, requests: &RequestSend
         };
         Some(measured(answer))
     });
+    let looking = requests.clone();
+    // The answer has nothing but the grid.
+    let map: Answer = Box::new(move |_| if let Response::Grid(message) = looking.ask(Request::Grid)? { Some(message) } else { None });
     let services = [
+        ("map", ("nav_msgs/srv/GetMap", map)),
         ("save", trigger(Request::Save)),
         ("reset", trigger(Request::Reset)),
         ("mesh", trigger(Request::Mesh)),
@@ -161,7 +187,7 @@ pub fn offer(middleware: &mut dyn Middleware, node: &str, requests: &RequestSend
         ("load", ("nav_msgs/srv/LoadMap", load)),
         ("distances", ("voxelastic_msgs/srv/GetDistances", distances)),
     ];
-    services.into_iter().map(|(name, (kind, answer))| middleware.serve(&format!("/{node}/{name}"), kind, answer)).collect()
+    services.into_iter().map(|(name, (kind, answer))| middleware.serve(&names.resolve(&format!("~/{name}")), kind, answer)).collect()
 }
 
 /// `std_srvs/Trigger` and `SetBool` answer alike.
@@ -170,17 +196,16 @@ fn done(response: Response) -> Vec<u8> {
         Response::Done(Ok(words)) => (true, words),
         Response::Done(Err(words)) | Response::Loaded(Err((_, words))) | Response::Distances(Err(words)) => (false, words),
         Response::Loaded(Ok(words)) => (true, words),
-        Response::Path(_) | Response::Distances(Ok(_)) => (true, String::new()),
+        Response::Path(_) | Response::Grid(_) | Response::State(_) | Response::Distances(Ok(_)) => (true, String::new()),
     };
     MessageWriter::new().bool(is_done).text(&words).finish()
 }
 
-/// The request of `nav_msgs/GetPlan`, and the frame of its start.
-fn plan_request(message: &[u8]) -> Option<(Request, String)> {
+/// The request of `nav_msgs/GetPlan`.
+fn plan_request(message: &[u8]) -> Option<Request> {
     let mut reader = MessageReader::new(message)?;
     let mut stamped = || {
-        reader.u32()?;
-        reader.u32()?;
+        let stamp = f64::from(reader.u32()?) + 1e-9 * f64::from(reader.u32()?);
         let frame = reader.text()?;
         let mut numbers = [0.0; 7];
         for number in &mut numbers {
@@ -189,11 +214,12 @@ fn plan_request(message: &[u8]) -> Option<(Request, String)> {
         let [x, y, z, qx, qy, qz, qw] = numbers;
         // Whoever does not care about the direction sends zeros.
         let rotation = UnitQuaternion::try_new(Quaternion::new(qw, qx, qy, qz), 1e-6).unwrap_or_default();
-        Some((frame, Pose::from_parts([x, y, z].into(), rotation)))
+        let frame = frame.trim_start_matches('/').to_owned();
+        Some(Place { frame, stamp: Some(stamp).filter(|stamp| *stamp > 0.0), pose: Pose::from_parts([x, y, z].into(), rotation) })
     };
-    let ((frame, start), (_, goal)) = (stamped()?, stamped()?);
+    let (start, goal) = (stamped()?, stamped()?);
     let tolerance = reader.f32().filter(|t| t.is_finite())?.max(0.0);
-    Some((Request::Plan { start, goal, tolerance }, frame))
+    Some(Request::Plan { start, goal, tolerance })
 }
 
 /// The map that a request of `nav_msgs/LoadMap` names: a path, or a URL of a file.
@@ -284,14 +310,14 @@ pub(super) mod tests {
     fn requests_reach_the_node_and_answers_come_back() {
         let (sender, requests) = channel();
         let mut board = Switchboard::default();
-        offer(&mut board, "voxelastic", &RequestSender::new(sender)).unwrap();
+        offer(&mut board, &Names::default(), &RequestSender::new(sender)).unwrap();
         let node = std::thread::spawn(move || {
             let mut seen = Vec::new();
             while let Ok(pending) = requests.recv() {
                 seen.push(pending.request.clone());
                 let response = match &pending.request {
                     Request::Save => Response::Done(Ok("map.vox".into())),
-                    Request::Plan { start, goal, .. } => Response::Path(vec![*start, *goal]),
+                    Request::Plan { start, goal, .. } => Response::Path(vec![start.pose, goal.pose]),
                     Request::Load(path) if path.ends_with("a.vox") => Response::Loaded(Ok("3 scans".into())),
                     Request::Load(_) => Response::Loaded(Err((NotLoaded::Differs, "other voxels".into()))),
                     Request::Distances(_) => Response::Distances(Ok(vec![Some(Distance { distance: 0.5, gradient: [0.0, 0.0, 1.0] }), None])),

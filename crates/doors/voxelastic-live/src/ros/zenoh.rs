@@ -29,6 +29,7 @@ const CONFIG_CHANGES: &str = "ZENOH_CONFIG_OVERRIDE";
 /// A node.
 pub struct Zenoh {
     session: Session,
+    namespace: String,
     node: String,
     domain: u16,
     next_entity: AtomicU64,
@@ -66,11 +67,13 @@ impl Zenoh {
             }
         });
         let subscriber = subscriber.wait().map_err(|e| failed(&e))?;
-        let key = format!("@ros2_lv/{}/{}/0/0/NN/%/%/{}", options.domain, session.zid(), options.name);
+        let namespace = format!("%{}", options.namespace.trim_start_matches('/').replace('/', "%"));
+        let key = format!("@ros2_lv/{}/{}/0/0/NN/%/{namespace}/{}", options.domain, session.zid(), options.name);
         let token = session.liveliness().declare_token(key).wait().map_err(|e| failed(&e))?;
         let held = vec![Handle::new(subscriber), Handle::new(token)];
         let outbox = Outbox::start("zenoh-outbox").map_err(|e| failed(&e))?;
-        let mut node = Self { session, node: options.name.clone(), domain: options.domain, next_entity: AtomicU64::new(1), graph, outbox, held };
+        let (name, domain, next_entity) = (options.name.clone(), options.domain, AtomicU64::new(1));
+        let mut node = Self { session, namespace, node: name, domain, next_entity, graph, outbox, held };
         let parameters = parameters::offer(&mut node, options)?;
         node.held.extend(parameters);
         Ok(node)
@@ -90,7 +93,7 @@ impl Zenoh {
     fn announce(&self, entity: &str, name: &str, kind: &str, qos: &str) -> zenoh::Result<(LivelinessToken, [u8; 16])> {
         let (number, dds) = (self.next_entity.fetch_add(1, Ordering::Relaxed), interfaces::to_dds(kind).unwrap_or_default());
         let (zid, mangled, hash) = (self.session.zid(), name.replace('/', "%"), interfaces::hash(kind));
-        let key = format!("@ros2_lv/{}/{zid}/0/{number}/{entity}/%/%/{}/{mangled}/{dds}/{hash}/{qos}", self.domain, self.node);
+        let key = format!("@ros2_lv/{}/{zid}/0/{number}/{entity}/%/{}/{}/{mangled}/{dds}/{hash}/{qos}", self.domain, self.namespace, self.node);
         let gid = xxhash_rust::xxh3::xxh3_128(key.as_bytes()).to_le_bytes();
         Ok((self.session.liveliness().declare_token(key).wait()?, gid))
     }

@@ -8,6 +8,7 @@ use voxelastic::sensor::preset_with_columns;
 use voxelastic::settings::{FieldKind, RobotRadius, Settings};
 use voxelastic::{Mapper, Pose};
 use voxelastic_live::planner::{Command, LivePlanner, Plan, PlanState, PlannerSettings};
+use voxelastic_live::ros::names::Names;
 use voxelastic_live::ros::output::{OutputOptions, Outputs};
 use voxelastic_sim::random::Stream;
 use voxelastic_sim::sensor::{Lidar, LidarSettings};
@@ -73,7 +74,7 @@ impl Run {
         mapper.set_sensor_model(model.clone());
         let published = Published::default();
         let mut outputs = Outputs::new(OutputOptions { explores: true, ..OutputOptions::default() });
-        outputs.add_sinks("robot", |profile| Ok(published.topic(&profile.name))).unwrap();
+        outputs.add_sinks(&Names::of_node("robot"), |profile| Ok(published.topic(&profile.name))).unwrap();
         let planner =
             PlannerSettings { radius: RADIUS, margin: 0.1, height: None, speed: 2.0, bounds: Some(BOUNDS), time, max_range: 15.0, least_volume: 1.0 };
         Self {

@@ -4,6 +4,7 @@
 
 mod browser;
 mod common;
+mod corrections;
 mod explore;
 mod node;
 mod ouster;

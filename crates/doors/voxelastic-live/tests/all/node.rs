@@ -14,6 +14,7 @@ use voxelastic_io::store::MapStore;
 use voxelastic_io::{Keyframing, OpenOptions};
 use voxelastic_live::node::{KeptIn, NetworkSetup, ScansFrom, Setup, ViewerSetup, play};
 use voxelastic_live::planner::PlannerSettings;
+use voxelastic_live::ros::names::Names;
 use voxelastic_live::transport::Transport;
 use voxelastic_run::keep::{CheckpointEvery, Resume, SaveOptions};
 use voxelastic_run::poses::{Motions, OdometrySetup, OdometryStage};
@@ -58,12 +59,12 @@ fn copy_dir(from: &Path, to: &Path) {
     }
 }
 
-fn world(name: &str) -> Simulation {
+pub fn world(name: &str) -> Simulation {
     Simulation::new(SimOptions { columns: Some(256), scans: Some(24), spacing: 0.4, ..SimOptions::of(name) }).unwrap()
 }
 
 /// Scans `from..to` of a simulation as nodes 0, 1, .. with poses in a frame that lies at `t_map_frame` in the world.
-fn given(sim: &Simulation, [from, to]: [usize; 2], t_map_frame: &Pose) -> VecDeque<Input> {
+pub fn given(sim: &Simulation, [from, to]: [usize; 2], t_map_frame: &Pose) -> VecDeque<Input> {
     let pose = |k: usize| t_map_frame.inverse() * sim.poses(PoseSource::Truth)[k];
     let node = |k: usize| (k - from) as NodeId;
     let scan = |k: usize| Event::Scan(Scan { node: node(k), time: 0.1 * k as f64, t_map_lidar: pose(k), cloud: sim.cloud(k).unwrap() });
@@ -77,7 +78,7 @@ fn raw(sim: &Simulation, [from, to]: [usize; 2]) -> VecDeque<Input> {
 }
 
 /// A node that keeps its map at `map`.
-fn setup(map: &Path) -> Setup {
+pub fn setup(map: &Path) -> Setup {
     Setup {
         name: PathBuf::from("live"),
         reading: OpenOptions::default(),
@@ -91,6 +92,7 @@ fn setup(map: &Path) -> Setup {
             checkpoints: "1".parse::<CheckpointEvery>().unwrap(),
         }),
         network: None,
+        keep_scans: 1 << 30,
         planner: None,
         is_stopped: || false,
     }
@@ -107,7 +109,7 @@ fn viewer(port: u16, token: &Path) -> Option<ViewerSetup> {
 }
 
 /// Maps what a robot gives out, as a process of its own would.
-fn live(setup: &Setup, inputs: VecDeque<Input>, copy: Option<&Path>) {
+pub fn live(setup: &Setup, inputs: VecDeque<Input>, copy: Option<&Path>) {
     live_asked(setup, inputs, copy, None);
 }
 
@@ -117,12 +119,12 @@ fn live_asked(setup: &Setup, inputs: VecDeque<Input>, copy: Option<&Path>, asks:
     let robot = Robot { inputs, asks, dies: copy.map(|copy| [map, copy.to_owned()]) };
     let options = OpenOptions { keyframing: Some(Keyframing::All), ..OpenOptions::default() };
     let odometry = is_raw.then(|| Box::new(OdometryStage::new(OdometrySetup::of_recording(&options), Motions::default(), 2).unwrap()));
-    let mut played = play(setup, ScansFrom::Transport(Box::new(robot), odometry), &mut |_| {}).unwrap();
+    let mut played = play(setup, ScansFrom::Transport(Box::new(robot), odometry), &mut |_| {}).unwrap().unwrap();
     played.save().unwrap();
     played.end(|| true);
 }
 
-fn atlas(map: &Path) -> Atlas {
+pub fn atlas(map: &Path) -> Atlas {
     MapStore::open(map).unwrap().load_atlas().unwrap()
 }
 
@@ -251,7 +253,9 @@ fn a_saved_map_is_loaded_and_mapping_goes_on_in_it() {
 fn foxglove() -> NetworkSetup {
     let foxglove = Some(SocketAddr::from(([127, 0, 0, 1], 0)));
     NetworkSetup {
-        node: "voxelastic".to_owned(),
+        names: Names::default(),
+        transforms: true,
+        lifecycle: false,
         backend: None,
         domain: None,
         is_local: true,

@@ -15,11 +15,13 @@ use voxelastic_io::bag::live::LiveTopics;
 use voxelastic_io::{Keyframing, OpenOptions};
 use voxelastic_live::planner::Plan;
 use voxelastic_live::ros::dds::Dds;
-use voxelastic_live::ros::input::{TopicInput, discover};
+use voxelastic_live::ros::discovery::discover;
+use voxelastic_live::ros::input::TopicInput;
 use voxelastic_live::ros::messages::Health;
 #[cfg(feature = "foxglove")]
 use voxelastic_live::ros::middleware::{Answer, Deliver, Handle, MiddlewareError, Sink};
 use voxelastic_live::ros::middleware::{Delivery, Middleware, NodeOptions, Parameter, TopicProfile};
+use voxelastic_live::ros::names::Names;
 use voxelastic_live::ros::output::{OdometryLink, OutputOptions, Outputs};
 use voxelastic_live::ros::services::{Distance, NotLoaded, Pending, Request, RequestSender, Response, offer};
 use voxelastic_live::ros::zenoh::Zenoh;
@@ -107,7 +109,7 @@ fn write_scans(folder: &Path) {
 fn scans_come_as_they_were_sent(middleware: &mut dyn Middleware, folder: &Path) {
     let options = OpenOptions { keyframing: Some(Keyframing::All), ..OpenOptions::default() };
     let begin = Instant::now();
-    let found = discover(middleware, &options, false, &|_| false, &|| begin.elapsed() > PATIENCE).unwrap();
+    let found = discover(middleware, &Names::default(), &options, false, &|| begin.elapsed() > PATIENCE).unwrap();
     let (topics, is_raw): (LiveTopics, bool) = found.expect("the topics are found by their types");
     assert!(!is_raw && topics.description().contains("/points") && topics.description().contains("/odom"), "{}", topics.description());
     let mut input = TopicInput::subscribe(middleware, topics, is_raw, &options, &|_| Ok(None)).unwrap();
@@ -182,9 +184,9 @@ fn plan(mapper: &Mapper) -> Plan {
 fn the_map_goes_out_as_it_is(middleware: &mut dyn Middleware, folder: &Path, start: impl FnOnce() -> Option<Peer>) -> Option<serde_json::Value> {
     let (mapper, scans) = room();
     let mut outputs = Outputs::new(OutputOptions { explores: true, ..OutputOptions::default() });
-    outputs.add(middleware, "voxelastic").unwrap();
+    outputs.add(middleware, &Names::default()).unwrap();
     let (sender, requests) = channel();
-    let _services = offer(middleware, "voxelastic", &RequestSender::new(sender)).unwrap();
+    let _services = offer(middleware, &Names::default(), &RequestSender::new(sender)).unwrap();
     for scan in &scans {
         outputs.add_scan(scan.node, scan.time);
     }
@@ -200,7 +202,9 @@ fn the_map_goes_out_as_it_is(middleware: &mut dyn Middleware, folder: &Path, sta
         if !outputs.step(mapper.atlas()) {
             std::thread::sleep(Duration::from_millis(5));
         }
-        outputs.diagnostics("voxelastic", || (Health::Ok, "mapping".into(), vec![("scans".into(), "4".into())]));
+        if outputs.is_time_for_diagnostics() {
+            outputs.diagnostics("voxelastic", (Health::Ok, "mapping".into(), vec![("scans".into(), "4".into())]));
+        }
         while let Ok(pending) = requests.try_recv() {
             answer(pending);
         }
@@ -289,7 +293,7 @@ fn clients_on_cyclone_dds_call_the_services() {
     let (dir, domain) = (tempfile::tempdir().unwrap(), Domain::free());
     let mut dds = Dds::open(&NodeOptions { for_cyclone: true, ..options(domain.number()) }).unwrap();
     let (sender, requests) = channel();
-    let _services = offer(&mut dds, "voxelastic", &RequestSender::new(sender)).unwrap();
+    let _services = offer(&mut dds, &Names::default(), &RequestSender::new(sender)).unwrap();
     let Some(_peer) = Peer::start("dds_peer.py", "cyclonedds", ["ask", &domain.number().to_string()], dir.path()) else { return };
     let (begin, path) = (Instant::now(), dir.path().join("answers.json"));
     while !path.exists() {

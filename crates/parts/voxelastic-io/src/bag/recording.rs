@@ -232,6 +232,7 @@ impl Recording {
             tolerance_s: self.options.time_tolerance_s,
             deskew: self.options.deskew,
             log: Arc::clone(&self.log),
+            mount_timeout_s: None,
         }
     }
 }

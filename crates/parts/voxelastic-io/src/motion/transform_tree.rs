@@ -1,6 +1,6 @@
 //! The transform tree of `/tf` and `/tf_static`.
 
-use super::pose_track::PoseTrack;
+use super::pose_track::{LONGEST_GAP_S, PoseTrack};
 use std::collections::{BTreeSet, HashMap};
 use voxelastic::Pose;
 
@@ -89,6 +89,33 @@ impl TransformTree {
         Some(down(&up_a)?.inv_mul(&down(&up_b)?))
     }
 
+    /// Pose of frame `b` in frame `a`, through links that move, too: at a time, or as each link was last. `None` if nothing connects them, or a link is not known at that time.
+    pub(crate) fn between(&self, a: &str, b: &str, time: Option<f64>) -> Option<Pose> {
+        let (up_a, up_b) = (self.ancestors(a), self.ancestors(b));
+        let common = up_a.iter().find(|f| up_b.contains(f))?;
+        let down = |chain: &[&str]| -> Option<Pose> {
+            chain.iter().take_while(|f| *f != common).try_fold(Pose::identity(), |t_parent_frame, f| {
+                let link = self.links.get(*f)?;
+                let pose = match time.filter(|_| !link.is_fixed) {
+                    Some(time) => link.track.at(time, LONGEST_TRANSFORM_GAP_S, LONGEST_GAP_S),
+                    None => link.track.last().copied(),
+                };
+                Some(pose? * t_parent_frame)
+            })
+        };
+        Some(down(&up_a)?.inv_mul(&down(&up_b)?))
+    }
+
+    /// Whether a transform of `child` is known that is more than `seconds` later than `time`: its clock has gone back.
+    pub(crate) fn is_later(&self, child: &str, time: f64, seconds: f64) -> bool {
+        self.links.get(child).is_some_and(|link| !link.is_fixed && link.track.newest().is_some_and(|newest| newest > time + seconds))
+    }
+
+    /// All frames, by name.
+    pub(crate) fn frames(&self) -> BTreeSet<&str> {
+        self.links.iter().flat_map(|(child, link)| [child.as_str(), link.parent.as_str()]).collect()
+    }
+
     /// The frames as trees, one on each line: `odom > base_link > (imu, laser)`. A `~` stands before frames that move in their parent.
     pub(crate) fn drawing(&self) -> String {
         let is_child = |frame: &str| self.links.contains_key(frame);
@@ -140,6 +167,10 @@ mod tests {
         assert!((tree.in_root("lidar", 1.05, 0.0).unwrap().translation.x - (101.05 + 10.5 + 1.0)).abs() < 1e-9);
         assert_eq!(tree.newest("lidar"), Some(1.1));
         assert!((tree.fixed("imu", "lidar").unwrap().translation.x - 0.5).abs() < 1e-12);
+        let between = |a, b, time| tree.between(a, b, time).map(|pose| pose.translation.x);
+        assert!((between("odom", "imu", None).unwrap() - 11.5).abs() < 1e-9 && (between("lidar", "odom", Some(1.05)).unwrap() + 11.5).abs() < 1e-9);
+        assert_eq!((between("odom", "lidar", Some(3.0)), between("odom", "camera", None)), (None, None));
+        assert!(tree.frames().into_iter().eq(["base", "imu", "lidar", "map", "odom"]));
         assert!(tree.fixed("odom", "lidar").is_none() && tree.moves("lidar") && tree.in_root("lidar", 20.0, 0.0).is_none());
     }
 

@@ -138,6 +138,7 @@ mod tests {
             tolerance_s: 0.01,
             deskew: true,
             log: Arc::new(PlaybackLog::default()),
+            mount_timeout_s: None,
         };
         let player = Player::new(Box::new(Played(messages.into_iter(), 0.0)), options);
         player.filter_map(|event| if let Ok(Event::Scan(scan)) = event { Some(scan.t_map_lidar.translation.x) } else { None }).collect()

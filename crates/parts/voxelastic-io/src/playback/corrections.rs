@@ -1,6 +1,7 @@
 //! Corrected poses that became known during a recording: files `poses@SECONDS.tum` in a folder, each a trajectory as it was known at that
 //! time, in the clock of the recording.
 
+use super::robot_mounts::sensor_of;
 use crate::motion::{LONGEST_GAP_S, PoseTrack};
 use crate::{Error, Result, poses};
 use std::collections::VecDeque;
@@ -77,6 +78,14 @@ impl Corrections {
     pub(crate) fn note(&mut self, time: f64, node: NodeId, reported: Pose, t_child_lidar: Pose) {
         if self.by_message || !self.files.is_empty() {
             self.delivered.push(Delivered { time, node, reported, t_child_lidar });
+        }
+    }
+
+    /// The lidar of a sensor was elsewhere on what the poses are of: `t_old_new` is its place in the frame of the one that was thought.
+    pub(crate) fn remount(&mut self, sensor: u16, t_old_new: &Pose) {
+        for scan in self.delivered.iter_mut().filter(|scan| sensor_of(scan.node) == sensor) {
+            scan.reported *= t_old_new;
+            scan.t_child_lidar *= t_old_new;
         }
     }
 

@@ -10,6 +10,7 @@ mod playback_log;
 mod player;
 mod pose_lookup;
 mod reread_clouds;
+mod robot_mounts;
 mod selection;
 
 pub(crate) use clock_watch::ClockWatch;

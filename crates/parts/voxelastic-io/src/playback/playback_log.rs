@@ -1,5 +1,6 @@
 //! What a playback reports back: progress, counts, and how to read delivered scans again.
 
+use crate::scan_list::NODES_OF_SENSOR;
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
@@ -37,6 +38,10 @@ pub(crate) struct PlaybackLog {
     pub(crate) left_out: AtomicUsize,
     /// Clouds without a pose.
     pub(crate) without_pose: AtomicUsize,
+    /// What scans wait for that come as a robot delivers them.
+    waits_for: Mutex<Option<String>>,
+    /// What was done about transforms that have changed.
+    notes: Mutex<Vec<String>>,
     /// Bits of the recording time reached, seconds.
     now: AtomicU64,
 }
@@ -71,6 +76,30 @@ impl PlaybackLog {
     /// The pose that the last delivered scan came with.
     pub(crate) fn reported(&self) -> Option<ReportedPose> {
         *self.reported.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The lidar of a sensor was elsewhere on what the poses are of.
+    pub(crate) fn remount(&self, sensor: u16, t_old_new: &Pose) {
+        let mut reported = self.reported.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(reported) = reported.as_mut().filter(|reported| (reported.node / NODES_OF_SENSOR) == NodeId::from(sensor)) {
+            reported.t_odom_lidar *= t_old_new;
+        }
+    }
+
+    pub(crate) fn set_waits_for(&self, what: Option<String>) {
+        *self.waits_for.lock().unwrap_or_else(PoisonError::into_inner) = what;
+    }
+
+    pub(crate) fn waits_for(&self) -> Option<String> {
+        self.waits_for.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    pub(crate) fn add_note(&self, note: String) {
+        self.notes.lock().unwrap_or_else(PoisonError::into_inner).push(note);
+    }
+
+    pub(crate) fn take_notes(&self) -> Vec<String> {
+        std::mem::take(&mut *self.notes.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
     pub(crate) fn set_now(&self, now: f64) {

@@ -5,6 +5,7 @@ use super::corrections::{Correction, Corrections};
 use super::message_stream::{CloudMessage, MessageStream, SensorMessage};
 use super::playback_log::{DeliveredScan, PlaybackLog, ReportedPose};
 use super::pose_lookup::{PoseLookup, PoseSource, SensorMounts};
+use super::robot_mounts::RobotMounts;
 use super::selection::Selection;
 use crate::motion::{PoseTrack, sweep_motion, time_span};
 use crate::scan_list::{Continuation, KeyframeFilter, NODES_OF_SENSOR, ScanEdges, ScanEntry};
@@ -46,6 +47,8 @@ pub(crate) struct PlayerOptions {
     /// Whether clouds get the lidar's motion during their sweep.
     pub(crate) deskew: bool,
     pub(crate) log: Arc<PlaybackLog>,
+    /// After so many seconds the place of a robot's lidar is assumed; none: never.
+    pub(crate) mount_timeout_s: Option<f64>,
 }
 
 /// What is kept of each sensor.
@@ -95,6 +98,8 @@ pub(crate) struct Player {
     tolerance_s: f64,
     deskew: bool,
     log: Arc<PlaybackLog>,
+    /// Of a robot that runs.
+    robot: Option<RobotMounts>,
     waiting: VecDeque<WaitingScan>,
     waiting_bytes: usize,
     /// Clouds read so far.
@@ -128,6 +133,7 @@ impl Player {
         Self {
             stream: ClockWatch::new(stream),
             path: options.path,
+            robot: options.mounts.is_live.then(|| RobotMounts::new(options.mount_timeout_s)),
             poses: PoseLookup::new(options.poses, options.mounts, options.pose_change, options.tolerance_s),
             keyframes: options.keyframes,
             sensors: BTreeMap::new(),
@@ -160,6 +166,11 @@ impl Player {
             None => self.ended = true,
             Some(Err(error)) => self.ready.push_back(Err(error)),
             Some(Ok(SensorMessage::Cloud(cloud))) => {
+                let (now, log) = (self.stream.now(), &self.log);
+                let is_kept = self.robot.as_mut().is_none_or(|robot| robot.look(&self.poses, (&cloud.frame, cloud.sensor), now, log));
+                if !is_kept {
+                    return self.leave_without_pose(&cloud);
+                }
                 self.waiting_bytes += cloud.bytes;
                 let trail = self.trail(cloud.sensor);
                 trail.clouds += 1;
@@ -175,7 +186,13 @@ impl Player {
                 }
                 self.poses.add(SensorMessage::ClockJump);
             }
-            Some(Ok(message)) => self.poses.add(message),
+            Some(Ok(message)) => {
+                let is_fixed = matches!(message, SensorMessage::Transform { is_fixed: true, .. });
+                self.poses.add(message);
+                if is_fixed {
+                    self.remount();
+                }
+            }
         }
         self.log.set_now(self.stream.now());
     }
@@ -201,12 +218,12 @@ impl Player {
         let Some(WaitingScan { cloud, index, node, .. }) = self.waiting.pop_front() else { return };
         self.waiting_bytes -= cloud.bytes;
         self.poses.remove_before(cloud.time - POSE_MEMORY_S);
+        let now = self.stream.now();
+        if self.robot.as_ref().is_some_and(|robot| !robot.may_map(&self.poses, (&cloud.frame, cloud.sensor), now)) {
+            return self.leave_without_pose(&cloud);
+        }
         let Some(t_map_lidar) = self.poses.pose_at(cloud.time, &cloud.frame, cloud.sensor) else {
-            let (count, first) = self.without_pose;
-            self.without_pose = (count + 1, if count == 0 { cloud.time } else { first });
-            self.reason = self.poses.unconnected(&cloud.frame);
-            self.log.without_pose.fetch_add(1, Ordering::Relaxed);
-            return;
+            return self.leave_without_pose(&cloud);
         };
         let Some(entry) = self.entry(index, node, cloud.time, t_map_lidar) else { return };
         let trail = self.trail(cloud.sensor);
@@ -231,6 +248,26 @@ impl Player {
                 self.deliver(entry, cloud, t_child_lidar);
             }
             Err(error) => self.ready.push_back(Err(error)),
+        }
+    }
+
+    /// Counts a cloud without a pose.
+    fn leave_without_pose(&mut self, cloud: &CloudMessage) {
+        let (count, first) = self.without_pose;
+        self.without_pose = (count + 1, if count == 0 { cloud.time } else { first });
+        self.reason = self.poses.missing(&cloud.frame, cloud.sensor);
+        self.log.without_pose.fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// Takes places of lidars that have changed, and moves what was delivered.
+    fn remount(&mut self) {
+        let Some(robot) = &mut self.robot else { return };
+        for change in self.poses.remount() {
+            self.ready.extend(robot.moved(&change, &self.log).map(Ok));
+            self.corrections.remount(change.sensor, &change.t_old_new);
+            self.log.remount(change.sensor, &change.t_old_new);
+            let previous = self.sensors.get_mut(&change.sensor).and_then(|trail| trail.previous.as_mut());
+            previous.into_iter().for_each(|previous| previous.t_map_lidar *= change.t_old_new);
         }
     }
 
@@ -259,6 +296,7 @@ impl Player {
         self.corrections.note(entry.time, entry.node, entry.t_map_lidar, t_child_lidar);
         self.log.set_reported(ReportedPose { node: entry.node, time: entry.time, t_odom_lidar: entry.t_map_lidar });
         let t_map_lidar = self.continued(sensor, &entry.t_map_lidar);
+        self.robot.iter_mut().for_each(|robot| robot.note(entry.node, t_map_lidar));
         self.ready.push_back(Ok(Event::Scan(Scan { node: entry.node, time: entry.time, t_map_lidar, cloud })));
         let edges = self.nodes.as_ref().map(|(_, edges)| edges);
         // Scans of further sensors hang on the chain of the first: a chain through all of them would be longer than what was travelled.
@@ -313,6 +351,7 @@ impl Player {
     fn correct(&mut self, track: &PoseTrack) {
         if let Some(Correction { poses, reported, corrected }) = self.corrections.find_in(&track.changed(&self.pose_change), self.tolerance_s) {
             self.continuation.corrected(&reported, &corrected);
+            self.robot.iter_mut().for_each(|robot| robot.correct(&poses));
             self.ready.push_back(Ok(Event::PoseUpdate(poses)));
         }
     }

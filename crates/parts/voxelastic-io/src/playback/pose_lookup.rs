@@ -4,7 +4,7 @@ use super::message_stream::SensorMessage;
 use crate::motion::{LONGEST_GAP_S, PoseTrack, TransformTree};
 use std::collections::BTreeMap;
 use voxelastic::Pose;
-use voxelastic::geometry::PoseChange;
+use voxelastic::geometry::{PoseChange, PoseExt};
 
 /// Where the poses come from.
 pub(crate) enum PoseSource {
@@ -23,12 +23,26 @@ pub(crate) struct SensorMounts {
     pub(crate) given: Vec<Option<Pose>>,
     /// The frame of the first lidar's clouds, where there are several lidars.
     pub(crate) first_frame: String,
+    /// Whether messages come from a robot: nothing comes in order, and transforms may change.
+    pub(crate) is_live: bool,
 }
+
+/// A lidar whose place on what the poses are of has changed.
+#[derive(Clone, Debug)]
+pub(crate) struct Remounted {
+    pub(crate) sensor: u16,
+    pub(crate) frame: String,
+    /// The new place in the frame of the lidar at the old one.
+    pub(crate) t_old_new: Pose,
+}
+
+/// Places of a lidar that differ by less, metres and radians, are the same.
+const SAME_PLACE: [f64; 2] = [1e-3, 1e-3];
 
 impl SensorMounts {
     /// Of one sensor.
     pub(crate) fn one(t_base_lidar: Option<Pose>) -> Self {
-        Self { given: vec![t_base_lidar], first_frame: String::new() }
+        Self { given: vec![t_base_lidar], ..Self::default() }
     }
 
     fn given(&self, sensor: u16) -> Option<Pose> {
@@ -107,8 +121,33 @@ impl PoseLookup {
     /// Whether it is known where the lidar is on what the poses are of. The transform that says so may come after the first scan: over a network, nothing comes in order.
     pub(super) fn is_mounted(&self, frame: &str, sensor: u16) -> bool {
         let PoseSource::Topic { child, .. } = &self.source else { return true };
-        let is_known = sensor > 0 || self.known(frame, sensor).is_some() || self.mounts.given(sensor).is_some();
+        let is_further = sensor > 0 && !self.mounts.is_live;
+        let is_known = is_further || self.known(frame, sensor).is_some() || self.mounts.given(sensor).is_some();
         is_known || child.is_empty() || child == frame || self.tree.fixed(child, frame).is_some()
+    }
+
+    /// What is missing before a lidar of a robot has a pose: a transform, with the frames that are known.
+    pub(super) fn missing(&self, frame: &str, sensor: u16) -> Option<String> {
+        if let PoseSource::Topic { child, .. } = &self.source
+            && !self.is_mounted(frame, sensor)
+        {
+            return Some(format!("no fixed transform leads from {child} to {frame}; the transforms are: {}", self.tree.drawing()));
+        }
+        self.unconnected(frame)
+    }
+
+    /// Takes the places of lidars that fixed transforms say now, where that is another one than before. Those that the user gave stay.
+    pub(super) fn remount(&mut self) -> Vec<Remounted> {
+        let PoseSource::Topic { child, .. } = &self.source else { return Vec::new() };
+        let mut changed = Vec::new();
+        for ((sensor, frame), known) in &mut self.t_child_lidar {
+            let Some(now) = self.tree.fixed(child, frame).filter(|_| self.mounts.given(*sensor).is_none() && child != frame) else { continue };
+            if now.translation_distance(known) > SAME_PLACE[0] || now.rotation_distance(known) > SAME_PLACE[1] {
+                changed.push(Remounted { sensor: *sensor, frame: frame.clone(), t_old_new: known.inv_mul(&now) });
+                *known = now;
+            }
+        }
+        changed
     }
 
     fn known(&self, frame: &str, sensor: u16) -> Option<Pose> {
@@ -137,6 +176,8 @@ impl PoseLookup {
             mounting(&self.tree, &child, frame, self.mounts.given(0))
         } else if let Some(given) = self.mounts.given(sensor) {
             given
+        } else if let Some(found) = self.tree.fixed(&child, frame).filter(|_| self.mounts.is_live) {
+            found
         } else {
             let first = self.mounts.first_frame.clone();
             self.mounting(&first, 0)? * self.tree.fixed(&first, frame)?

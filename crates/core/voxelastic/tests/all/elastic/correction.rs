@@ -6,7 +6,7 @@ use std::error::Error;
 use voxelastic::atlas::Atlas;
 use voxelastic::event::{Edge, Event, NodeId};
 use voxelastic::geometry::PoseExt;
-use voxelastic::mapper::ScanSource;
+use voxelastic::mapper::{RebuildError, ScanSource};
 use voxelastic::surface::MeshOptions;
 use voxelastic::{Cloud, Mapper, Pose, Settings};
 
@@ -104,6 +104,45 @@ fn a_correction_moves_and_fuses_submaps_and_rebuilding_removes_deformation() {
     let rebuilt = mean_height_error(mapper.atlas());
     println!("error {error:.3} m with drift, {elastic:.3} elastic, {rebuilt:.3} rebuilt; {submaps} -> {} submaps", mapper.atlas().submaps().len());
     assert!(rebuilt <= elastic * 1.02 && mapper.atlas().scan_count() == poses.len());
+}
+
+#[test]
+fn a_submap_is_rebuilt_a_scan_at_a_time_while_others_come() {
+    let (town, poses) = (Town::new(), drive());
+    let (poses, mut source) = (&poses[..9], ReplayedScans(&town, &poses[..9]));
+    let settings = || Settings { min_overlap: 0.0, ..settings() };
+    let [mut mapper, mut right] = [(); 2].map(|()| Mapper::new(settings()).unwrap());
+    for (i, (truth, drifted)) in poses.iter().enumerate() {
+        right.handle(town.scan(i as NodeId, truth, truth)).unwrap();
+        if i < 6 {
+            mapper.handle(town.scan(i as NodeId, truth, drifted)).unwrap();
+        }
+    }
+    let correction = |to: usize| Event::PoseUpdate(poses[..to].iter().enumerate().map(|(i, p)| (i as NodeId, p.0)).collect());
+    mapper.handle(correction(6)).unwrap();
+    let id = mapper.deformed()[0].submap;
+    let old = mapper.atlas().submap(id).unwrap().revision();
+    let mut rebuilding = mapper.begin_rebuild(id).unwrap();
+    assert_eq!((rebuilding.submap(), rebuilding.remaining()), (id, 6));
+    let mut next = 6;
+    let report = loop {
+        if let Some(report) = mapper.step_rebuild(&mut rebuilding, &mut source).unwrap() {
+            break report;
+        }
+        if next < poses.len() && rebuilding.remaining() % 2 == 0 {
+            mapper.handle(town.scan(next as NodeId, &poses[next].0, &poses[next].0)).unwrap();
+            next += 1;
+        }
+    };
+    let submap = mapper.atlas().submap(id).unwrap();
+    assert_eq!((next, report.scans, submap.scans().len()), (9, 9, 9));
+    assert!(submap.revision() > old + 100 && mapper.deformed().is_empty());
+    mapper.finish();
+    right.finish();
+    // As if the poses had been right from the beginning.
+    let meshes = [&mapper, &right].map(|mapper| mapper.atlas().submap(id).unwrap().mesh(&MeshOptions::default()).positions);
+    assert!(meshes[0].len() > 1000 && meshes[0] == meshes[1], "{} and {} vertices", meshes[0].len(), meshes[1].len());
+    assert!(matches!(mapper.begin_rebuild(999), Err(RebuildError::NoSuchSubmap { submap: 999 })));
 }
 
 fn off(poses: &[(Pose, Pose)]) -> f64 {

@@ -1,9 +1,11 @@
 //! Arguments for the network of ROS 2 that a node joins, and for Foxglove.
 
+use crate::failure::Failure;
 use clap::{Args, ValueEnum};
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use voxelastic_live::node::{Backend, NetworkSetup};
+use voxelastic_live::ros::names::Names;
 
 /// Arguments for ROS 2.
 #[derive(Debug, Args)]
@@ -16,9 +18,19 @@ pub struct NetworkArgs {
     /// The domain [default: ROS_DOMAIN_ID, or 0]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(0..=232), requires = "ros2")]
     domain: Option<u16>,
-    /// Name of the node, and first part of the names of its topics and services
+    /// Name of the node, and first part of the names of its topics and services; perhaps with a namespace: robot1/mapper
     #[arg(long, value_name = "NAME", default_value = "voxelastic", value_parser = node_name)]
     node: String,
+    /// Another name of a topic or a service, or __ns:=NAMESPACE, __node:=NAME; may be given several times. As other nodes have it: --ros-args -r FROM:=TO. Own topics need no ~/ before them, inputs are
+    /// points, odom, imu and corrections. In a namespace, topics are looked for in it
+    #[arg(short = 'r', long, value_name = "FROM:=TO", value_parser = remap)]
+    remap: Vec<String>,
+    /// Be a managed node: Nav2's lifecycle manager, or `ros2 lifecycle set`, configures and activates it; before that, scans are not mapped
+    #[arg(long, requires = "ros2")]
+    lifecycle: bool,
+    /// Do not publish the transform from the map to the odometry: somebody else does
+    #[arg(long)]
+    no_tf: bool,
     /// Over DDS, talk to programs on this machine only, as with ROS_LOCALHOST_ONLY=1 or ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST
     #[arg(long, requires = "ros2")]
     local: bool,
@@ -49,22 +61,28 @@ impl NetworkArgs {
     }
 
     /// What the node is to do.
-    pub fn setup(&self) -> NetworkSetup {
+    ///
+    /// # Errors
+    /// Remaps that contradict each other.
+    pub fn setup(&self) -> Result<NetworkSetup, Failure> {
+        let names = Names::parse(&self.node, &self.remap).map_err(|problem| Failure::usage(problem, "see `voxelastic live --help`"))?;
         let backend = self.ros2.map(|travels| match travels {
             Travels::Usual => Backend::Usual,
             Travels::Dds => Backend::Dds,
             Travels::Zenoh => Backend::Zenoh,
         });
-        NetworkSetup {
-            node: self.node.clone(),
+        Ok(NetworkSetup {
+            names,
             backend,
             domain: self.domain,
             is_local: self.local,
             use_sim_time: self.use_sim_time,
+            transforms: !self.no_tf,
+            lifecycle: self.lifecycle,
             foxglove: self.foxglove,
             origins: self.origins(),
             record: self.record.clone(),
-        }
+        })
     }
 }
 
@@ -91,11 +109,13 @@ fn origin(text: &str) -> Result<String, String> {
     }
 }
 
-/// Names of nodes are made of letters, digits and single underscores.
+/// A name of a node, perhaps with its namespace.
 fn node_name(text: &str) -> Result<String, String> {
-    let is_word = text.chars().all(|c| c.is_ascii_alphanumeric() || c == '_') && !text.contains("__");
-    let begins = text.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_');
-    if is_word && begins { Ok(text.to_owned()) } else { Err("must be letters, digits and single underscores, and begin with a letter".to_owned()) }
+    Names::parse(text, &[]).map(|_| text.to_owned())
+}
+
+fn remap(text: &str) -> Result<String, String> {
+    Names::parse("node", &[text.to_owned()]).map(|_| text.to_owned())
 }
 
 #[cfg(test)]
@@ -110,7 +130,7 @@ mod tests {
 
     #[test]
     fn names_of_nodes_are_checked() {
-        assert!(["voxelastic", "_map2"].iter().all(|name| node_name(name).is_ok()));
-        assert!(["", "2map", "a/b", "a__b", "ä"].iter().all(|name| node_name(name).is_err()));
+        assert!(["voxelastic", "_map2", "robot1/mapper"].iter().all(|name| node_name(name).is_ok()));
+        assert!(["", "2map", "a/", "a__b", "ä"].iter().all(|name| node_name(name).is_err()));
     }
 }

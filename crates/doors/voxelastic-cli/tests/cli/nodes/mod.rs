@@ -7,5 +7,7 @@ pub(super) mod distances;
 pub(super) mod live;
 #[cfg(all(unix, feature = "ros2", feature = "foxglove"))]
 pub(super) mod recorded_topics;
+#[cfg(all(unix, feature = "ros2"))]
+pub(super) mod robots;
 #[cfg(all(unix, feature = "ros2", feature = "foxglove"))]
 pub(super) mod zenoh_router;

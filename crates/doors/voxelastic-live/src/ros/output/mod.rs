@@ -24,13 +24,14 @@ mod path;
 mod surface;
 mod topics;
 
-use super::messages::{self, Header, Health};
+use super::messages::{self, Grid, Header, Health};
 use super::middleware::{Middleware, MiddlewareError, Sink, TopicProfile};
+use super::names::Names;
 use crate::planner::Plan;
 use distances::SliceState;
 use exploration::ShownPlan;
 pub use occupancy::GridSettings;
-use occupancy::Layers;
+use occupancy::{FloorPlan, Layers, floor_plan};
 use path::PathState;
 use std::collections::HashMap;
 use std::time::{Duration, Instant};
@@ -40,6 +41,7 @@ use voxelastic::atlas::Atlas;
 use voxelastic::event::NodeId;
 use voxelastic::settings::Dynamic;
 use voxelastic::{Mapper, Pose};
+use voxelastic_io::bag::live::LiveFrames;
 
 /// The frame of the map.
 pub const MAP_FRAME: &str = "map";
@@ -72,11 +74,13 @@ pub struct OutputOptions {
     pub grid: GridSettings,
     /// Whether the robot explores: then there are topics about that.
     pub explores: bool,
+    /// Whether transforms are published.
+    pub transforms: bool,
 }
 
 impl Default for OutputOptions {
     fn default() -> Self {
-        Self { detail: 1, grid: GridSettings::default(), explores: false }
+        Self { detail: 1, grid: GridSettings::default(), explores: false, transforms: true }
     }
 }
 
@@ -95,6 +99,8 @@ pub struct Outputs {
     last_figures: Option<Instant>,
     /// The time of a simulation, if there is one.
     clock: Clock,
+    /// Is told which transforms are published.
+    frames: Option<LiveFrames>,
     /// The last scan, and its time stamp.
     newest: Option<NodeId>,
     /// Whether its moving points are to be published.
@@ -122,6 +128,7 @@ impl Outputs {
             last_transform: None,
             last_figures: None,
             clock: Box::new(|| None),
+            frames: None,
             newest: None,
             has_moving: false,
             stamp: 0.0,
@@ -134,12 +141,22 @@ impl Outputs {
         self.clock = Box::new(clock);
     }
 
+    /// Tells `frames` which transforms are published, so that those of others are told from them.
+    pub fn set_frames(&mut self, frames: LiveFrames) {
+        self.frames = Some(frames);
+    }
+
+    /// How the odometry is tied to the last scan, and where its frame is in the map; none where poses are in the map's frame.
+    pub fn link(&self) -> Option<(&OdometryLink, &Pose)> {
+        self.link.as_ref().map(|(_, link, t_map_odom)| (link, t_map_odom))
+    }
+
     /// Publishes in a network, too.
     ///
     /// # Errors
     /// When the network refuses.
-    pub fn add(&mut self, middleware: &mut dyn Middleware, node: &str) -> Result<(), MiddlewareError> {
-        self.add_sinks(node, |profile| middleware.advertise(profile))
+    pub fn add(&mut self, middleware: &mut dyn Middleware, names: &Names) -> Result<(), MiddlewareError> {
+        self.add_sinks(names, |profile| middleware.advertise(profile))
     }
 
     /// Publishes to whatever `advertise` makes of each topic, too.
@@ -148,11 +165,11 @@ impl Outputs {
     /// Those of `advertise`.
     pub fn add_sinks(
         &mut self,
-        node: &str,
+        names: &Names,
         mut advertise: impl FnMut(&TopicProfile) -> Result<Box<dyn Sink>, MiddlewareError>,
     ) -> Result<(), MiddlewareError> {
         let explores = self.options.explores;
-        for (output, profile) in profiles(node).into_iter().filter(|(output, _)| explores || !output.is_of_exploration()) {
+        for (output, profile) in profiles(names).into_iter().filter(|(output, _)| explores || !output.is_of_exploration()) {
             self.sinks.entry(output).or_default().push(advertise(&profile)?);
         }
         Ok(())
@@ -188,6 +205,12 @@ impl Outputs {
             self.publish_transform();
         }
         self.note_path(atlas);
+    }
+
+    /// After a submap was rebuilt as corrections had bent it: what is made of it is made again soon.
+    pub fn note_rebuilt(&mut self, mapper: &Mapper) {
+        self.layers.hurry();
+        self.note(mapper, None);
     }
 
     fn note_path(&mut self, atlas: &Atlas) {
@@ -292,12 +315,24 @@ impl Outputs {
         if !self.has_room(&[Output::Octomap, Output::Grid]) {
             return false;
         }
-        let t_map_lidar = self.path.last().copied().or_else(|| self.link.as_ref().map(|(_, link, t_map_odom)| t_map_odom * link.t_odom_lidar));
-        let robot = t_map_lidar.unwrap_or_default().translation.vector.into();
-        let Some(made) = self.layers.step(atlas, listeners, &self.options.grid, robot) else { return false };
+        let Some(made) = self.layers.step(atlas, listeners, &self.options.grid, self.robot()) else { return false };
         self.publish_if(Output::Octomap, |header| made.octomap.as_ref().map(|(voxel, nodes)| messages::octomap(header, *voxel, nodes)));
         self.publish_if(Output::Grid, |header| made.grid.as_ref().map(|grid| messages::occupancy_grid(header, &grid.as_message())));
         true
+    }
+
+    /// Where the sensor is in the map frame, metres.
+    fn robot(&self) -> [f64; 3] {
+        let t_map_lidar = self.path.last().copied().or_else(|| self.link.as_ref().map(|(_, link, t_map_odom)| t_map_odom * link.t_odom_lidar));
+        t_map_lidar.unwrap_or_default().translation.vector.into()
+    }
+
+    /// The grid as it is now, as a message like those of its topic; without cells where the map has no occupancy.
+    pub fn grid(&mut self, atlas: &Atlas) -> Vec<u8> {
+        let header = Header { stamp: self.stamp, frame: MAP_FRAME };
+        let none = Grid { resolution: 0.0, width: 0, origin: [0.0; 3], cells: &[] };
+        let made = floor_plan(atlas, &self.options.grid, self.robot()).ok();
+        messages::occupancy_grid(header, &made.as_ref().map_or(none, FloorPlan::as_message))
     }
 
     /// Publishes distances around the robot, if somebody listens and the map has changed. `distances` says them for points of the map frame, metres; none where nothing is
@@ -315,19 +350,20 @@ impl Outputs {
         self.publish(Output::DistanceSlice, |header| messages::distance_cloud(header, &known));
     }
 
-    /// How the node is, once a second: in words, and as figures.
-    pub fn diagnostics(&mut self, node: &str, status: impl FnOnce() -> (Health, String, Vec<(String, String)>)) {
-        if self.last_figures.is_some_and(|last| last.elapsed() < PERIOD) {
-            return;
-        }
+    /// Whether a second has passed since it was said how the node is.
+    pub fn is_time_for_diagnostics(&self) -> bool {
+        self.last_figures.is_none_or(|last| last.elapsed() >= PERIOD)
+    }
+
+    /// How the node is, in words and as figures.
+    pub fn diagnostics(&mut self, node: &str, (health, words, mut figures): (Health, String, Vec<(String, String)>)) {
         self.last_figures = Some(Instant::now());
-        let (health, words, mut figures) = status();
         figures.push(("messages_lost".to_owned(), self.lost.to_string()));
         self.publish(Output::Diagnostics, |header| messages::diagnostics(Header { frame: "", ..header }, node, (health, &words), &figures));
     }
 
     fn publish_transform(&mut self) {
-        let Some((since, link, t_map_odom)) = self.link.clone() else { return };
+        let Some((since, link, t_map_odom)) = self.link.clone().filter(|_| self.options.transforms) else { return };
         self.last_transform = Some(Instant::now());
         let stamp = (self.clock)().map_or_else(|| link.time + since.elapsed().as_secs_f64(), |now| now.max(link.time));
         let map = Header { stamp, frame: MAP_FRAME };
@@ -336,6 +372,7 @@ impl Outputs {
         if let Some((base, t_lidar_base)) = &link.base {
             links.push((odom, base, link.t_odom_lidar * t_lidar_base));
         }
+        self.frames.iter().for_each(|frames| links.iter().for_each(|(_, child, _)| frames.note_published(child, stamp)));
         self.publish(Output::Transforms, |_| messages::transforms(&links));
     }
 
@@ -394,7 +431,7 @@ mod tests {
             let sender = (profile.name == "/robot/moving_points").then(|| sender.clone());
             Ok(Box::new(Collected(sender)))
         };
-        outputs.add_sinks("robot", advertise).unwrap();
+        outputs.add_sinks(&Names::of_node("robot"), advertise).unwrap();
         let options = SimOptions { traffic: 24, rate: Some(10.0), scans: Some(14), columns: Some(512), drift: 0.0, ..SimOptions::of("street") };
         let simulation = Simulation::new(options).unwrap();
         let (mut mapper, mut counts) = (Mapper::new(settings).unwrap(), Vec::new());

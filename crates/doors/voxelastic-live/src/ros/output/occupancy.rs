@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 use voxelastic::atlas::Atlas;
 use voxelastic::field::occupancy::State;
 use voxelastic::query::{AtlasQuery, Resampling};
-use voxelastic_ground::{Body, Ground};
+use voxelastic_ground::{Body, Ground, GroundError};
 use voxelastic_io::octomap;
 
 /// Occupancy is published at most this often ...
@@ -69,6 +69,18 @@ impl Layers {
         self.has_changed = true;
     }
 
+    /// Has it made again as soon as may be, however long that took before.
+    pub fn hurry(&mut self) {
+        self.last = self.last.map(|(at, _)| (at, Duration::ZERO));
+    }
+
+    /// Says once why there is no 2-D map.
+    fn warn(&mut self, why: &GroundError) {
+        if !std::mem::replace(&mut self.has_warned, true) {
+            tracing::warn!("no 2-D map is published: {why}; {}", why.remedy());
+        }
+    }
+
     /// Makes what somebody listens to of octomap and 2-D map, if the map has changed or listeners have come. The 2-D map is of the storey below `robot`, where the
     /// sensor is in the map frame, metres.
     pub fn step(&mut self, atlas: &Atlas, listeners: [usize; 2], grid: &GridSettings, robot: [f64; 3]) -> Option<Made> {
@@ -84,7 +96,8 @@ impl Layers {
             None
         } else {
             let octomap = if listeners[0] > 0 { octree(&query) } else { None };
-            let grid = if listeners[1] > 0 { self.floor_plan(atlas, &query, grid, robot) } else { None };
+            let grid = (listeners[1] > 0).then(|| floor_plan(atlas, grid, robot));
+            let grid = grid.and_then(|made| made.map_err(|why| self.warn(&why)).ok());
             Some(Made { octomap, grid })
         };
         self.has_changed = false;
@@ -100,27 +113,27 @@ fn octree(query: &AtlasQuery<'_>) -> Option<(f64, Vec<u8>)> {
     Some((voxel, nodes.ok()?))
 }
 
-impl Layers {
-    fn floor_plan(&mut self, atlas: &Atlas, query: &AtlasQuery<'_>, settings: &GridSettings, robot: [f64; 3]) -> Option<FloorPlan> {
-        let size = query.bounds().size();
-        let mut resolution = settings.resolution.unwrap_or(atlas.voxel_size().to_string().parse().ok()?);
-        while f64::from(size[0].max(size[1])) > MOST_CELLS * resolution {
-            resolution *= 2.0;
-        }
-        let ground = Ground::of(atlas, resolution, &settings.body).map_err(|why| {
-            if !std::mem::replace(&mut self.has_warned, true) {
-                tracing::warn!("no 2-D map is published: {why}; {}", why.remedy());
-            }
-        });
-        let ground = ground.ok()?;
-        let storey = &ground.storeys()[ground.storey_below(robot).unwrap_or(0)];
-        let grid = ground.grid(storey).padded(BLOCK);
-        let cell = |state: &State| match state {
-            State::Free => 0,
-            State::Occupied => 100,
-            State::Unknown => -1,
-        };
-        let [x, y] = grid.cells.origin();
-        Some(FloorPlan { resolution, width: grid.cells.size[0], origin: [x, y, storey.height], cells: grid.states.iter().map(cell).collect() })
+/// The 2-D map of the storey below `robot`, where the sensor is in the map frame, metres.
+///
+/// # Errors
+/// As of [`Ground::of`].
+pub fn floor_plan(atlas: &Atlas, settings: &GridSettings, robot: [f64; 3]) -> Result<FloorPlan, GroundError> {
+    let query = atlas.query();
+    let size = query.bounds().size();
+    // The decimal number that the setting was, not the float that it became.
+    let voxel = atlas.voxel_size().to_string().parse().unwrap_or(f64::from(atlas.voxel_size()));
+    let mut resolution = settings.resolution.unwrap_or(voxel);
+    while f64::from(size[0].max(size[1])) > MOST_CELLS * resolution {
+        resolution *= 2.0;
     }
+    let ground = Ground::of(atlas, resolution, &settings.body)?;
+    let storey = &ground.storeys()[ground.storey_below(robot).unwrap_or(0)];
+    let grid = ground.grid(storey).padded(BLOCK);
+    let cell = |state: &State| match state {
+        State::Free => 0,
+        State::Occupied => 100,
+        State::Unknown => -1,
+    };
+    let [x, y] = grid.cells.origin();
+    Ok(FloorPlan { resolution, width: grid.cells.size[0], origin: [x, y, storey.height], cells: grid.states.iter().map(cell).collect() })
 }

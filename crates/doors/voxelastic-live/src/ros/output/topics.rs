@@ -1,6 +1,7 @@
 //! Names, types and delivery of the topics that are published.
 
 use crate::ros::middleware::{Delivery, TopicProfile};
+use crate::ros::names::Names;
 
 /// A topic that is published.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -41,13 +42,13 @@ impl Output {
 }
 
 /// The topics of a node.
-pub fn profiles(node: &str) -> Vec<(Output, TopicProfile)> {
+pub fn profiles(names: &Names) -> Vec<(Output, TopicProfile)> {
     use Delivery::{Latched, Periodic, Reliable};
     use Output::{
         Diagnostics, DistanceSlice, ExploreGoal, ExplorePath, Frontier, Grid, MovingPoints, Octomap, Path, Submaps, Surface, SurfacePoints,
         Transforms,
     };
-    let own = |name: &str| format!("/{node}/{name}");
+    let own = |name: &str| names.resolve(&format!("~/{name}"));
     // What is sent in parts is sent again to those who come, so it need not be kept: a reader of parts that are kept would show what is gone.
     [
         (Surface, own("surface"), "visualization_msgs/msg/MarkerArray", Reliable, 20),
@@ -61,8 +62,8 @@ pub fn profiles(node: &str) -> Vec<(Output, TopicProfile)> {
         (ExplorePath, own("explore_path"), "nav_msgs/msg/Path", Latched, 1),
         (ExploreGoal, own("explore_goal"), "geometry_msgs/msg/PoseStamped", Latched, 1),
         (Submaps, own("submaps"), "geometry_msgs/msg/PoseArray", Latched, 1),
-        (Diagnostics, "/diagnostics".to_owned(), "diagnostic_msgs/msg/DiagnosticArray", Periodic, 10),
-        (Transforms, "/tf".to_owned(), "tf2_msgs/msg/TFMessage", Periodic, 100),
+        (Diagnostics, names.resolve("/diagnostics"), "diagnostic_msgs/msg/DiagnosticArray", Periodic, 10),
+        (Transforms, names.resolve("/tf"), "tf2_msgs/msg/TFMessage", Periodic, 100),
     ]
     .into_iter()
     .map(|(output, name, kind, delivery, depth)| (output, TopicProfile { name, kind: kind.to_owned(), delivery, depth }))

@@ -10,6 +10,8 @@ use std::path::{Path, PathBuf};
 
 /// The topics of transforms, which are always subscribed to: they say where the lidar is on the robot.
 const TRANSFORMS: [&str; 2] = ["/tf", "/tf_static"];
+/// Their type.
+const TRANSFORM_KIND: &str = "tf2_msgs/msg/TFMessage";
 /// The time of a simulation, and its type.
 const CLOCK: [&str; 2] = ["/clock", "rosgraph_msgs/msg/Clock"];
 
@@ -25,6 +27,8 @@ pub struct LiveTopic {
     pub is_latched: bool,
     /// Whether messages may be lost rather than be late (sensor data).
     pub is_sensor_data: bool,
+    /// Whether messages should come all the time: if none do, something is wrong.
+    pub is_steady: bool,
 }
 
 /// The topics that are used, and for what.
@@ -50,12 +54,15 @@ impl LiveTopics {
         // A live sensor's packets are read from the network.
         let topics = topics.filter(|topic| TopicRole::of(topic) != Some(TopicRole::Packets)).collect();
         let summary = RecordingSummary::of_topics(topics);
-        if let [second, ..] = options.more_sensors.as_slice() {
-            let problem = format!("one topic of clouds is mapped live, not {} besides", second.topic);
-            return Err(Error::dataset(path, problem, "record the topics, and map the recording with both"));
+        let mut clouds = vec![choose_clouds(&summary, path, options.cloud_topic.as_deref())?];
+        for sensor in &options.more_sensors {
+            let further = choose_clouds(&summary, path, Some(&sensor.topic))?;
+            if clouds.contains(&further) {
+                return Err(Error::dataset(path, format!("{further} is named twice"), "name each topic of clouds once"));
+            }
+            clouds.push(further);
         }
-        let clouds = choose_clouds(&summary, path, options.cloud_topic.as_deref())?;
-        let mut stream = StreamTopics { clouds: vec![clouds], ..StreamTopics::default() };
+        let mut stream = StreamTopics { clouds, ..StreamTopics::default() };
         let mut by_transforms = false;
         if estimates_poses {
             stream.imu = choose_imu(&summary, path, options)?;
@@ -67,24 +74,52 @@ impl LiveTopics {
             stream.corrections = options.correction_topic.as_deref().map(absolute);
         }
         let kind = |name: &str| there.iter().find(|(n, _)| n == name).map_or("nav_msgs/msg/Path", |(_, kind)| kind);
-        let topic = |name: &String, is_sensor_data| LiveTopic { name: name.clone(), kind: kind(name).to_owned(), is_latched: false, is_sensor_data };
-        let mut subscriptions: Vec<LiveTopic> = stream.clouds.iter().map(|name| topic(name, true)).collect();
-        subscriptions.extend(stream.imu.iter().map(|name| topic(name, true)));
-        subscriptions.extend(stream.poses.iter().chain(&stream.corrections).map(|name| topic(name, false)));
+        let topic = |name: &String, is_sensor_data, is_steady| LiveTopic {
+            name: name.clone(),
+            kind: kind(name).to_owned(),
+            is_latched: false,
+            is_sensor_data,
+            is_steady,
+        };
+        let mut subscriptions: Vec<LiveTopic> = stream.clouds.iter().map(|name| topic(name, true, true)).collect();
+        subscriptions.extend(stream.imu.iter().map(|name| topic(name, true, true)));
+        subscriptions.extend(stream.poses.iter().map(|name| topic(name, false, true)));
+        subscriptions.extend(stream.corrections.iter().map(|name| topic(name, false, false)));
         subscriptions.extend(TRANSFORMS.map(|name| LiveTopic {
             name: name.to_owned(),
-            kind: "tf2_msgs/msg/TFMessage".to_owned(),
+            kind: TRANSFORM_KIND.to_owned(),
             is_latched: name == TRANSFORMS[1],
             is_sensor_data: false,
+            is_steady: by_transforms && name == TRANSFORMS[0],
         }));
         Ok(Self { origin: path.into(), stream, by_transforms, subscriptions })
+    }
+
+    /// With transforms from other topics than `/tf` and `/tf_static`, as those of a robot whose names have a namespace.
+    #[must_use]
+    pub fn with_transforms(mut self, [moving, fixed]: [&str; 2]) -> Self {
+        for topic in self.subscriptions.iter_mut().filter(|topic| topic.kind == TRANSFORM_KIND) {
+            topic.name = if topic.is_latched { fixed } else { moving }.to_owned();
+        }
+        self
+    }
+
+    /// The topics of transforms: those that move, and fixed ones.
+    pub fn transforms(&self) -> [&str; 2] {
+        let name = |is_latched| self.subscriptions.iter().find(|topic| topic.kind == TRANSFORM_KIND && topic.is_latched == is_latched);
+        [false, true].map(|is_latched| name(is_latched).map_or("", |topic| topic.name.as_str()))
+    }
+
+    /// Topics of clouds, one for each sensor.
+    pub fn clouds(&self) -> &[String] {
+        &self.stream.clouds
     }
 
     /// With the clock of a simulation, which tells the time instead of this machine's.
     #[must_use]
     pub fn with_clock(mut self) -> Self {
         let [name, kind] = CLOCK.map(str::to_owned);
-        self.subscriptions.push(LiveTopic { name, kind, is_latched: false, is_sensor_data: true });
+        self.subscriptions.push(LiveTopic { name, kind, is_latched: false, is_sensor_data: true, is_steady: true });
         self
     }
 
@@ -104,11 +139,14 @@ impl LiveTopics {
         let mut lines = vec![format!("clouds: {}", clouds.join(", "))];
         lines.push(match poses {
             Some(topic) => format!("poses: {topic}"),
-            None if self.by_transforms => "poses: /tf".to_owned(),
+            None if self.by_transforms => format!("poses: {}", self.transforms()[0]),
             None => "poses: by odometry".to_owned(),
         });
         lines.extend(corrections.iter().map(|topic| format!("corrections: {topic}")));
         lines.extend(imu.iter().map(|topic| format!("imu: {topic}")));
+        if self.transforms() != TRANSFORMS {
+            lines.push(format!("transforms: {}", self.transforms().join(", ")));
+        }
         lines.join("\n")
     }
 }

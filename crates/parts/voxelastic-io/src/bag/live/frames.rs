@@ -2,7 +2,9 @@
 
 use crate::motion::TransformTree;
 use crate::playback::PlaybackLog;
+use std::collections::{BTreeSet, HashMap, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
 use voxelastic::Pose;
 use voxelastic::event::NodeId;
 
@@ -34,7 +36,20 @@ struct Names {
     tree: TransformTree,
     /// Of a simulation, seconds.
     clock: Option<f64>,
+    /// Stamps of the transforms that were published here, by the frame that they place.
+    published: HashMap<String, VecDeque<f64>>,
+    /// A transform of such a frame that somebody else has published, and when it came.
+    rival: Option<([String; 2], Instant)>,
 }
+
+/// A transform that is this much older than the last of its frame, seconds, is of a clock that went back.
+const LARGEST_DISORDER_S: f64 = 1.0;
+/// Transforms that move are kept for so long, seconds.
+const MEMORY_S: f64 = 10.0;
+/// Stamps of transforms that were published here that are kept.
+const MOST_STAMPS: usize = 256;
+/// Who else publishes a transform has stopped if nothing came for so long.
+const RIVAL: Duration = Duration::from_secs(5);
 
 impl LiveFrames {
     pub(super) fn new(log: Arc<PlaybackLog>) -> Self {
@@ -59,9 +74,71 @@ impl LiveFrames {
         }
     }
 
-    pub(super) fn add_transform(&self, [parent, child]: [&str; 2], pose: Pose, is_fixed: bool) {
-        // Of moving links only the names are needed.
-        self.names().tree.add(parent, child, 0.0, pose, is_fixed);
+    pub(super) fn add_transform(&self, [parent, child]: [&str; 2], time: f64, pose: Pose, is_fixed: bool) {
+        let mut names = self.names();
+        if !is_fixed && names.tree.is_later(child, time, LARGEST_DISORDER_S) {
+            names.tree.remove_moving();
+        }
+        names.tree.add(parent, child, time, pose, is_fixed);
+        if !is_fixed {
+            names.tree.remove_before(time - MEMORY_S);
+        }
+    }
+
+    /// Whether a transform is of a frame that is placed here. Where the message is not from here, somebody else places the frame, too: the map does not hang on that.
+    pub(super) fn is_published_here(&self, [parent, child]: [&str; 2], time: f64) -> bool {
+        let mut names = self.names();
+        let Some(stamps) = names.published.get(child) else { return false };
+        if !stamps.iter().any(|stamp| (stamp - time).abs() < 1e-6) {
+            names.rival = Some(([parent.to_owned(), child.to_owned()], Instant::now()));
+        }
+        true
+    }
+
+    /// The clock has jumped: what was known about frames that move is of before.
+    pub(super) fn forget_moving(&self) {
+        self.names().tree.remove_moving();
+    }
+
+    /// Notes that a transform of `child` is published here, with this time stamp, seconds: others that place it are rivals.
+    pub fn note_published(&self, child: &str, stamp: f64) {
+        let mut names = self.names();
+        if !names.published.contains_key(child) {
+            names.published.insert(child.to_owned(), VecDeque::new());
+        }
+        let Some(stamps) = names.published.get_mut(child) else { return };
+        stamps.push_back(stamp);
+        if stamps.len() > MOST_STAMPS {
+            stamps.pop_front();
+        }
+    }
+
+    /// Parent and child of a transform that is published here and by somebody else, too, if there is one.
+    pub fn rival(&self) -> Option<[String; 2]> {
+        self.names().rival.as_ref().filter(|(_, at)| at.elapsed() < RIVAL).map(|(link, _)| link.clone())
+    }
+
+    /// What scans wait for before they can be mapped, in words, if they do.
+    pub fn waits_for(&self) -> Option<String> {
+        self.log.waits_for()
+    }
+
+    /// What was done about transforms that have changed, since it was asked last.
+    pub fn take_notes(&self) -> Vec<String> {
+        self.log.take_notes()
+    }
+
+    /// Pose of a frame in another one: at a time in seconds, or as it was last. The frame of the clouds counts as known. `None` if nothing connects them.
+    pub fn between(&self, a: &str, b: &str, time: Option<f64>) -> Option<Pose> {
+        if a == b { Some(Pose::identity()) } else { self.names().tree.between(a, b, time) }
+    }
+
+    /// Names of all frames that are known, with that of the clouds and that of the poses.
+    pub fn known(&self) -> Vec<String> {
+        let names = self.names();
+        let mut all: BTreeSet<String> = names.tree.frames().into_iter().map(str::to_owned).collect();
+        all.extend(names.lidar.iter().chain(&names.poses).filter(|name| !name.is_empty()).cloned());
+        all.into_iter().collect()
     }
 
     pub(super) fn set_clock(&self, time: f64) {

@@ -23,6 +23,8 @@
 
 mod choice;
 mod frames;
+#[cfg(test)]
+mod mount_tests;
 mod scans;
 mod stream;
 #[cfg(test)]

@@ -32,7 +32,7 @@ impl LiveEvents {
         let player_options = PlayerOptions {
             path: topics.origin.clone(),
             poses: if topics.by_transforms { PoseSource::Transforms } else { track },
-            mounts: SensorMounts::one(options.t_base_lidar),
+            mounts: mounts(options),
             keyframes: KeyframeFilter::new(options.keyframing.unwrap_or(Keyframing::Metres(KEYFRAME_DISTANCE_M))),
             selection: Selection::default(),
             nodes: None,
@@ -41,6 +41,7 @@ impl LiveEvents {
             tolerance_s: options.time_tolerance_s,
             deskew: options.deskew,
             log,
+            mount_timeout_s: options.mount_timeout_s,
         };
         let stream = LiveStream::new(topics, messages, frames.clone());
         Self { player: Player::new(Box::new(stream), player_options), frames }
@@ -104,6 +105,12 @@ impl LiveScans {
     pub fn frames(&self) -> LiveFrames {
         self.frames.clone()
     }
+}
+
+/// Where the lidars of a robot are on it, as far as the user says.
+fn mounts(options: &OpenOptions) -> SensorMounts {
+    let further = options.more_sensors.iter().map(|sensor| sensor.t_base_lidar);
+    SensorMounts { given: std::iter::once(options.t_base_lidar).chain(further).collect(), is_live: true, ..SensorMounts::default() }
 }
 
 fn timed(scan: RecordedScan) -> TimedScan {

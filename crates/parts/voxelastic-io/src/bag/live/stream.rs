@@ -70,7 +70,9 @@ impl Clock {
 impl LiveStream {
     pub(super) fn new(topics: LiveTopics, messages: LiveMessages, frames: LiveFrames) -> Self {
         let known = topics.subscriptions().iter().filter_map(|topic| {
-            let topic = Topic::new(topic.name.clone(), &topic.kind, Encoding::Cdr);
+            // That transforms are fixed is told by the name, which may be another one here.
+            let name = if topic.is_latched { "/tf_static" } else { topic.name.as_str() };
+            let topic = Topic::new(name.to_owned(), &topic.kind, Encoding::Cdr);
             TopicRole::of(&topic).map(|role| (topic, role))
         });
         let (topics_of_roles, path) = (known.collect(), topics.origin.as_path().into());
@@ -84,6 +86,7 @@ impl LiveStream {
         let back = clock.tick(data);
         clock.now.into_iter().for_each(|now| self.frames.set_clock(now));
         let Some(back) = back else { return SensorMessage::Other };
+        self.frames.forget_moving();
         tracing::warn!("the simulation was started again: its clock went back by {back:.1} s; the poses that came before are not used any more");
         SensorMessage::ClockJump
     }
@@ -98,7 +101,7 @@ impl LiveStream {
         let message = TopicMessage { path: Arc::clone(&self.path), topic, role, message };
         let imu_frame = if role == TopicRole::Imu { Some(message.decoder().header()?.frame) } else { None };
         let decoded = self.sensor.decode(message)?;
-        if self.is_of_before(&decoded) {
+        if self.is_of_before(&decoded) || self.is_published_here(&decoded) {
             return Ok(SensorMessage::Other);
         }
         self.note_frames(&decoded);
@@ -116,12 +119,19 @@ impl LiveStream {
         stamp_of(message).zip(self.clock.as_ref()).is_some_and(|(stamp, clock)| clock.is_of_before(stamp))
     }
 
+    /// Whether a message is a transform of a frame that is placed here: it comes back from the network, or from somebody who places it, too.
+    fn is_published_here(&self, message: &SensorMessage) -> bool {
+        let SensorMessage::Transform { time, parent, child, is_fixed: false, .. } = message else { return false };
+        self.frames.is_published_here([parent, child], *time)
+    }
+
     /// Notes the frames that a message names.
     fn note_frames(&self, message: &SensorMessage) {
         match message {
-            SensorMessage::Cloud(cloud) => self.frames.set_lidar(&cloud.frame),
+            SensorMessage::Cloud(cloud) if cloud.sensor == 0 => self.frames.set_lidar(&cloud.frame),
+            SensorMessage::ClockJump => self.frames.forget_moving(),
             SensorMessage::Pose { parent, .. } => self.frames.set_poses(parent),
-            SensorMessage::Transform { parent, child, pose, is_fixed, .. } => self.frames.add_transform([parent, child], *pose, *is_fixed),
+            SensorMessage::Transform { parent, child, pose, is_fixed, time } => self.frames.add_transform([parent, child], *time, *pose, *is_fixed),
             _ => {}
         }
     }
@@ -130,7 +140,7 @@ impl LiveStream {
 impl MessageStream for LiveStream {
     fn next(&mut self) -> Option<Result<SensorMessage>> {
         if let Some(message) = self.sensor.pending() {
-            if self.is_of_before(&message) {
+            if self.is_of_before(&message) || self.is_published_here(&message) {
                 return Some(Ok(SensorMessage::Other));
             }
             self.note_frames(&message);

@@ -12,16 +12,20 @@ fn header(time: f64, frame: &str) -> Header<'_> {
     Header { stamp: time, frame }
 }
 
-fn at(x: f64) -> Pose {
+pub(super) fn at(x: f64) -> Pose {
     Pose::translation(x, 0.0, 0.0)
 }
 
-fn cloud(time: f64) -> Vec<u8> {
-    let data: Vec<u8> = [5.0f32, 0.0, 1.0, 0.0, 6.0, 1.0].iter().flat_map(|v| v.to_le_bytes()).collect();
-    point_cloud(header(time, "lidar"), [1, 2], &["x", "y", "z"].map(|name| (name, FieldType::F32)), &data, true)
+pub(super) fn cloud(time: f64) -> Vec<u8> {
+    cloud_of(time, "lidar")
 }
 
-fn odometry(time: f64, x: f64) -> Vec<u8> {
+pub(super) fn cloud_of(time: f64, frame: &str) -> Vec<u8> {
+    let data: Vec<u8> = [5.0f32, 0.0, 1.0, 0.0, 6.0, 1.0].iter().flat_map(|v| v.to_le_bytes()).collect();
+    point_cloud(header(time, frame), [1, 2], &["x", "y", "z"].map(|name| (name, FieldType::F32)), &data, true)
+}
+
+pub(super) fn odometry(time: f64, x: f64) -> Vec<u8> {
     MessageWriter::new().header(header(time, "odom")).text("base").pose(&at(x)).finish()
 }
 
@@ -32,11 +36,11 @@ fn path(poses: &[(f64, f64)]) -> Vec<u8> {
     message.finish()
 }
 
-fn transform(time: f64, parent: &str, child: &str, x: f64) -> Vec<u8> {
+pub(super) fn transform(time: f64, parent: &str, child: &str, x: f64) -> Vec<u8> {
     transforms(&[(header(time, parent), child, at(x))])
 }
 
-fn there() -> Vec<(String, String)> {
+pub(super) fn there() -> Vec<(String, String)> {
     let topics = [
         ("/points", "sensor_msgs/msg/PointCloud2"),
         ("/odom", "nav_msgs/msg/Odometry"),
@@ -48,9 +52,11 @@ fn there() -> Vec<(String, String)> {
 }
 
 /// Options that take every scan, and the messages sent to it one after the other, by topic.
-fn played(options: &OpenOptions, messages: Vec<(&str, Vec<u8>)>) -> (Vec<Event>, LiveFrames) {
+pub(super) fn played(options: &OpenOptions, messages: Vec<(&str, Vec<u8>)>) -> (Vec<Event>, LiveFrames) {
     let options = OpenOptions { keyframing: Some(Keyframing::All), ..options.clone() };
-    let topics = LiveTopics::choose("test", &there(), false, &options).unwrap();
+    let mut there = there();
+    there.extend(options.more_sensors.iter().map(|sensor| (sensor.topic.clone(), "sensor_msgs/msg/PointCloud2".to_owned())));
+    let topics = LiveTopics::choose("test", &there, false, &options).unwrap();
     let topics = if messages.iter().any(|(name, _)| *name == "/clock") { topics.with_clock() } else { topics };
     let position = |name: &str| topics.subscriptions().iter().position(|topic| topic.name == name).unwrap();
     let (sender, receiver): (SyncSender<_>, _) = sync_channel(messages.len().max(1));
@@ -68,7 +74,7 @@ fn played(options: &OpenOptions, messages: Vec<(&str, Vec<u8>)>) -> (Vec<Event>,
     }
 }
 
-fn scan_positions(events: &[Event]) -> Vec<f64> {
+pub(super) fn scan_positions(events: &[Event]) -> Vec<f64> {
     events.iter().filter_map(|event| if let Event::Scan(scan) = event { Some(scan.t_map_lidar.translation.x) } else { None }).collect()
 }
 
@@ -144,7 +150,7 @@ fn a_clock_that_goes_back_is_noticed() {
     assert_eq!(positions, [0.0, 1.0, 2.0, 3.0, 4.0, 50.0, 51.0, 52.0, 53.0, 54.0], "no pose of before is used for a scan after it");
 }
 
-fn clock(time: f64) -> Vec<u8> {
+pub(super) fn clock(time: f64) -> Vec<u8> {
     MessageWriter::new().time(time).finish()
 }
 

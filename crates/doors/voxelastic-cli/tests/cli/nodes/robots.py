@@ -1,0 +1,296 @@
+"""A robot on Cyclone DDS, `robots.py DOMAIN FOLDER`: in the namespace robot1 it drives in circles through a room (x -4..8, y -3..5, z -0.6..2.4) with odometry that drifts, and asks
+the node /robot1/mapper. What it saw is in FOLDER/seen.json then."""
+import json
+import math
+import sys
+import threading
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy
+from cyclonedds.core import Policy, Qos
+from cyclonedds.domain import DomainParticipant
+from cyclonedds.idl import IdlStruct
+from cyclonedds.idl.types import float32, int64, sequence, uint8, uint64
+from cyclonedds.pub import DataWriter
+from cyclonedds.sub import DataReader
+from cyclonedds.topic import Topic
+from cyclonedds.util import duration
+
+import dds_types as t
+
+SPACE = "robot1"
+RELIABLE = Policy.Reliability.Reliable(duration(seconds=1))
+LATCHED = Qos(RELIABLE, Policy.Durability.TransientLocal, Policy.History.KeepLast(1))
+USUAL = Qos(RELIABLE, Policy.Durability.Volatile, Policy.History.KeepLast(200))
+SENSOR = Qos(Policy.Reliability.BestEffort, Policy.Durability.Volatile, Policy.History.KeepLast(5))
+PATIENCE = 120.0
+
+
+@dataclass
+class KeyValue(IdlStruct, **t.message("diagnostic_msgs", "KeyValue")):
+    key: str
+    value: str
+
+
+@dataclass
+class Status(IdlStruct, **t.message("diagnostic_msgs", "DiagnosticStatus")):
+    level: uint8
+    name: str
+    message: str
+    hardware_id: str
+    values: sequence[KeyValue]
+
+
+@dataclass
+class Diagnostics(IdlStruct, **t.message("diagnostic_msgs", "DiagnosticArray")):
+    header: t.Header
+    status: sequence[Status]
+
+
+@dataclass
+class State(IdlStruct, **t.message("lifecycle_msgs", "State")):
+    id: uint8
+    label: str
+
+
+@dataclass
+class Transition(IdlStruct, **t.message("lifecycle_msgs", "Transition")):
+    id: uint8
+    label: str
+
+
+@dataclass
+class GetStateRequest(IdlStruct, **t.service("lifecycle_msgs", "GetState_Request")):
+    client: uint64
+    number: int64
+    nothing: uint8
+
+
+@dataclass
+class GetStateResponse(IdlStruct, **t.service("lifecycle_msgs", "GetState_Response")):
+    client: uint64
+    number: int64
+    state: State
+
+
+@dataclass
+class ChangeStateRequest(IdlStruct, **t.service("lifecycle_msgs", "ChangeState_Request")):
+    client: uint64
+    number: int64
+    transition: Transition
+
+
+@dataclass
+class ChangeStateResponse(IdlStruct, **t.service("lifecycle_msgs", "ChangeState_Response")):
+    client: uint64
+    number: int64
+    success: bool
+
+
+@dataclass
+class GetPlanRequest(IdlStruct, **t.service("nav_msgs", "GetPlan_Request")):
+    client: uint64
+    number: int64
+    start: t.PoseStamped
+    goal: t.PoseStamped
+    tolerance: float32
+
+
+@dataclass
+class GetPlanResponse(IdlStruct, **t.service("nav_msgs", "GetPlan_Response")):
+    client: uint64
+    number: int64
+    plan: t.Path
+
+
+@dataclass
+class GetMapRequest(IdlStruct, **t.service("nav_msgs", "GetMap_Request")):
+    client: uint64
+    number: int64
+    nothing: uint8
+
+
+@dataclass
+class GetMapResponse(IdlStruct, **t.service("nav_msgs", "GetMap_Response")):
+    client: uint64
+    number: int64
+    map: t.OccupancyGrid
+
+
+participant, folder = DomainParticipant(int(sys.argv[1])), Path(sys.argv[2])
+writer = lambda name, kind, qos: DataWriter(participant, Topic(participant, f"rt/{name}", kind), qos=qos)
+reader = lambda name, kind, qos: DataReader(participant, Topic(participant, f"rt/{name}", kind), qos=qos)
+stamp = lambda s: t.Time(int(s), int(s % 1 * 1e9))
+header = lambda s, frame: t.Header(stamp(s), frame)
+turn = lambda yaw: t.Quaternion(0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2))
+place = lambda x, y, z, yaw=0.0: t.Pose(t.Vector(x, y, z), turn(yaw))
+link = lambda s, parent, child, pose: t.TransformStamped(header(s, parent), child, pose)
+
+AZIMUTH = numpy.linspace(-math.pi, math.pi, 360, endpoint=False)
+ELEVATION = numpy.radians(numpy.linspace(-30, 30, 16))
+RAYS = numpy.stack([numpy.outer(numpy.cos(ELEVATION), f(AZIMUTH)) for f in (numpy.cos, numpy.sin)] + [numpy.outer(numpy.sin(ELEVATION), numpy.ones(360))], -1).reshape(-1, 3)
+LOW, HIGH = numpy.array([-4.0, -3.0, -0.6]), numpy.array([8.0, 5.0, 2.4])
+
+
+def scan(x, y, yaw):
+    c, s = math.cos(yaw), math.sin(yaw)
+    rays, at = RAYS @ numpy.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]).T, numpy.array([x, y, 0.4])
+    with numpy.errstate(divide="ignore"):
+        ranges = numpy.where(rays > 0, (HIGH - at) / rays, (LOW - at) / rays).min(1)
+    return (RAYS * ranges[:, None]).astype(numpy.float32)
+
+
+class Robot(threading.Thread):
+    """Lidar 0.4 m above the base; odometry drifts by 8 cm a second until it stops that."""
+
+    def __init__(self):
+        super().__init__(daemon=True)
+        self.is_mounted = self.is_silent = self.has_rival = self.is_done = False
+        self.drift, self.drifts, self.poses, self.now = 0.0, True, [], (0.0, 0.0, 0.0)
+
+    def run(self):
+        points, odometry = writer(f"{SPACE}/points", t.PointCloud2, SENSOR), writer(f"{SPACE}/odom", t.Odometry, USUAL)
+        transforms, fixed = writer(f"{SPACE}/tf", t.TFMessage, USUAL), writer(f"{SPACE}/tf_static", t.TFMessage, LATCHED)
+        fixed.write(t.TFMessage([link(0, "base_link", "imu_link", place(0.0, 0.0, 0.0))]))
+        fields, zero = [t.PointField(name, 4 * k, 7, 1) for k, name in enumerate("xyz")], t.Vector(0.0, 0.0, 0.0)
+        is_mounted, begin, k = False, time.time(), 0
+        while not self.is_done:
+            now = time.time()
+            phase = 0.5 * (now - begin)
+            x, y, yaw = 1.5 * math.cos(phase), 1.5 * math.sin(phase), phase + math.pi / 2
+            if self.is_mounted and not is_mounted:
+                both = [link(0, "base_link", "imu_link", place(0.0, 0.0, 0.0)), link(0, "base_link", "lidar", place(0.0, 0.0, 0.4))]
+                is_mounted = not fixed.write(t.TFMessage(both))
+            if is_mounted and self.drifts:
+                self.drift += 0.08 * 0.04
+            self.now = (x + self.drift, y, yaw)
+            pose = place(x + self.drift, y, 0.0, yaw)
+            twist = t.TwistWithCovariance(zero, zero, [0.0] * 36)
+            odometry.write(t.Odometry(header(now, "odom"), "base_link", t.PoseWithCovariance(pose, [0.0] * 36), twist))
+            moving = [link(now, "odom", "base_link", pose)]
+            if self.has_rival:
+                moving.append(link(now, "map", "odom", place(5.0, 0.0, 0.0)))
+            transforms.write(t.TFMessage(moving))
+            if k % 5 == 0 and not self.is_silent:
+                data = scan(x, y, yaw).tobytes()
+                points.write(t.PointCloud2(header(now, "lidar"), 16, 360, fields, False, 12, 12 * 360, data, True))
+                self.poses.append(t.PoseStamped(header(now, "odom"), place(x, y, 0.0, yaw)))
+            k += 1
+            time.sleep(max(0.0, begin + 0.04 * k - time.time()))
+
+
+number = 0
+
+
+def call(name, request, response, *arguments):
+    """As rmw_cyclonedds does; asked again until it is heard."""
+    global number
+    asks = DataWriter(participant, Topic(participant, f"rq/{SPACE}/mapper/{name}Request", request), qos=USUAL)
+    answers = DataReader(participant, Topic(participant, f"rr/{SPACE}/mapper/{name}Reply", response), qos=USUAL)
+    until = time.monotonic() + PATIENCE
+    while time.monotonic() < until:
+        matched = time.monotonic() + 5.0
+        while not (asks.get_matched_subscriptions() and answers.get_matched_publications()) and time.monotonic() < matched:
+            time.sleep(0.02)
+        number += 1
+        asks.write(request(77, number, *arguments))
+        wait = time.monotonic() + 10.0
+        while time.monotonic() < wait:
+            for answer in answers.take(N=10):
+                if (answer.client, answer.number) == (77, number):
+                    return answer
+            time.sleep(0.01)
+    raise SystemExit(f"no answer of {name}")
+
+
+diagnostics, grids = reader("diagnostics", Diagnostics, USUAL), reader("map", t.OccupancyGrid, LATCHED)
+paths = reader(f"{SPACE}/mapper/path", t.Path, LATCHED)
+taken = []
+
+
+def look():
+    for message in diagnostics.take(N=50):
+        taken.extend(status for status in message.status if status.name == f"{SPACE}/mapper")
+
+
+def wait_for(what, find):
+    """What it finds, once it does."""
+    until = time.monotonic() + PATIENCE
+    while time.monotonic() < until:
+        look()
+        found = find()
+        if found:
+            return found
+        time.sleep(0.05)
+    raise SystemExit(f"no {what}; the last of the node: {taken[-1:]}")
+
+
+def said(words, since):
+    return next((status for status in taken[since:] if words in status.message), None)
+
+
+def old_walls():
+    """Occupied cells well inside the room, of the last grid that came; none if none came."""
+    messages = [message for message in grids.take(N=10) if isinstance(message, t.OccupancyGrid)]
+    if not messages:
+        return None
+    info, cells = messages[-1].info, numpy.array(messages[-1].data).reshape(messages[-1].info.height, -1)
+    rows, columns = numpy.nonzero(cells == 100)
+    x = info.origin.position.x + (columns + 0.5) * info.resolution
+    y = info.origin.position.y + (rows + 0.5) * info.resolution
+    seen["grid_frame"] = messages[-1].header.frame_id
+    return int(((x > -3.6) & (x < 7.6) & (y > -2.6) & (y < 4.6)).sum())
+
+
+seen, robot = {}, Robot()
+robot.start()
+state = lambda: (lambda answer: [answer.state.id, answer.state.label])(call("get_state", GetStateRequest, GetStateResponse, 0))
+change = lambda id, label="": call("change_state", ChangeStateRequest, ChangeStateResponse, Transition(id, label)).success
+seen["states"] = [state(), change(1), change(3), change(3), state()]
+waits = wait_for("words about the mount", lambda: said("scans wait", 0))
+time.sleep(7)
+look()
+seen["without_mount"] = taken[-1].message
+seen["scans_without_mount"] = next(pair.value for pair in taken[-1].values if pair.key == "scans")
+robot.is_mounted, began = True, time.monotonic()
+first = wait_for("path", lambda: paths.take(N=10))[-1].poses
+seen["first_scan_s"] = round(time.monotonic() - began, 2)
+position = first[0].pose.position
+seen["first_lidar"] = [position.x, position.y, position.z]
+before = wait_for("grid with old walls", lambda: (lambda count: count if count and count > 50 and robot.drift > 0.9 else None)(old_walls()))
+robot.drifts = False
+stamped = lambda frame, x, y, z: t.PoseStamped(t.Header(t.Time(0, 0), frame), place(x, y, z))
+nowhere, plan = t.Vector(math.nan, math.nan, math.nan), None
+# From a metre to the left of the robot, towards the middle of its circle, where much is free.
+beside = lambda x, y, yaw: (x - math.sin(yaw), y + math.cos(yaw))
+for _ in range(20):
+    places = [robot.now]
+    plan = call("plan", GetPlanRequest, GetPlanResponse, stamped("base_link", 0.0, 1.0, 0.57), stamped("map", robot.drift, 0.0, 0.57), 0.1).plan
+    places.append(robot.now)
+    start = plan.poses[0].pose.position if plan.poses else nowhere
+    if plan.poses:
+        break
+off = min(math.dist((start.x, start.y), beside(*place)) for place in places)
+seen["plan"] = {"frame": plan.header.frame_id, "poses": len(plan.poses), "off_m": off}
+asked = call("map", GetMapRequest, GetMapResponse, 0).map
+seen["get_map"] = [asked.header.frame_id, asked.info.width * asked.info.height == len(asked.data), list(asked.data).count(100) > 50]
+nonsense = call("plan", GetPlanRequest, GetPlanResponse, stamped("base_link", 0.0, 0.0, 0.6), stamped("nonsense", 4.0, 2.0, 0.6), 0.1)
+seen["plan_from_nonsense"] = len(nonsense.plan.poses)
+old_walls()
+corrected, began = writer(f"{SPACE}/corrected", t.Path, USUAL), time.monotonic()
+wait_for("subscriber", lambda: corrected.get_matched_subscriptions())
+began = time.monotonic()
+corrected.write(t.Path(header(time.time(), "odom"), list(robot.poses)))
+after = wait_for("grid without old walls", lambda: (lambda count: "none" if count == 0 else None)(old_walls()))
+seen["old_walls"] = {"before": before, "after": 0 if after == "none" else 1, "seconds": round(time.monotonic() - began, 2)}
+robot.has_rival, since = True, len(taken)
+seen["rival"] = wait_for("words about a rival", lambda: said("somebody else", since)).message
+robot.has_rival, robot.is_silent, since = False, True, len(taken)
+silence = wait_for("words about silence", lambda: said("nothing came on", since))
+seen["silence"], seen["silence_level"] = silence.message, silence.level
+seen["states"].append(change(0, "shutdown"))
+(folder / "seen.tmp").write_text(json.dumps(seen))
+(folder / "seen.tmp").rename(folder / "seen.json")
+robot.is_done = True
