@@ -119,6 +119,9 @@ fn octree(query: &AtlasQuery<'_>) -> Option<(f64, Vec<u8>)> {
 /// As of [`Ground::of`].
 pub fn floor_plan(atlas: &Atlas, settings: &GridSettings, robot: [f64; 3]) -> Result<FloorPlan, GroundError> {
     let query = atlas.query();
+    if query.is_empty() {
+        return Err(GroundError::NoOccupancy);
+    }
     let size = query.bounds().size();
     // The decimal number that the setting was, not the float that it became.
     let voxel = atlas.voxel_size().to_string().parse().unwrap_or(f64::from(atlas.voxel_size()));
