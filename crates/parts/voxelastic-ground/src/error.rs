@@ -8,7 +8,7 @@ pub enum GroundError {
     #[error("the map has no occupancy, so nothing says what is free and what is unknown")]
     NoOccupancy,
     /// Cells that the map cannot fill.
-    #[error("cells of {resolution} m in a map with voxels of {finest} m")]
+    #[error("cells of {resolution} m in a map with voxels of {finest:.3} m")]
     Resolution {
         /// What was asked for, metres.
         resolution: f64,
@@ -46,7 +46,7 @@ impl GroundError {
     pub fn remedy(&self) -> String {
         match self {
             Self::NoOccupancy => "map the data again with --field occupancy or --field both".to_owned(),
-            Self::Resolution { finest, .. } => format!("use {} to {} m", 0.5 * finest, 100.0 * finest),
+            Self::Resolution { finest, .. } => format!("use {:.3} to {:.1} m", 0.5 * finest, 100.0 * finest),
             Self::TooLarge { .. } => "use larger cells".to_owned(),
             Self::Robot { must, .. } => format!("use {must}"),
             Self::NoFloor { .. } => {
