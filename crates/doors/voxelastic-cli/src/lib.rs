@@ -83,7 +83,7 @@ struct Cli {
 enum Command {
     Demo(demo::DemoArgs),
     Map(map::MapArgs),
-    Live(live::LiveArgs),
+    Live(Box<live::LiveArgs>),
     View(view::ViewArgs),
     Mesh(mesh::MeshArgs),
     Check(check::CheckArgs),

@@ -8,8 +8,9 @@ use voxelastic::atlas::Submap;
 use voxelastic::meshing::SurfaceTiles;
 use voxelastic::surface::{Mesh, MeshOptions};
 use voxelastic_io::tiles::TilesetWriter;
+use voxelastic_run::export::grid::GridOptions;
 use voxelastic_run::export::octomap::Occupancy;
-use voxelastic_run::export::{FORMATS, Format, cloud, octomap, tiles};
+use voxelastic_run::export::{FORMATS, Format, cloud, grid, octomap, tiles};
 use voxelastic_run::{Error, Result};
 
 /// Writes a map in the format that the name of the file or folder says. `voxel` is for OctoMaps, `lod` and `min_weight` are for surfaces.
@@ -31,6 +32,7 @@ fn write(content: &Content, path: &Path, voxel: Option<f64>, options: &MeshOptio
         Format::Cloud(cloud::Format::E57) => write_stations(content, path, options),
         Format::Cloud(format) => Ok(cloud::write(path, format, &surface(content, options)?, content.origin, content.place.as_ref())?),
         Format::Tiles => write_tiles(content, path, options),
+        Format::Grid => grid::write(path, &content.atlas, content.origin, path, &GridOptions::default()).map(drop),
     }
 }
 

@@ -156,7 +156,7 @@ mod tests {
             height: 10,
             intensity: Some((0..1000).map(|k| k as f32).collect()),
             ring: Some((0..1000).map(|k| (k / 100) as u16).collect()),
-            time: (seed % 2 == 0).then(|| (0..1000).map(|k| k as f32 * 1e-4).collect()),
+            time: seed.is_multiple_of(2).then(|| (0..1000).map(|k| k as f32 * 1e-4).collect()),
             motion: Motion::through([(0.0, Pose::identity()), (0.1, Pose::translation(0.5, 0.0, 0.0))]),
             sensor: 3,
             points,

@@ -2,6 +2,7 @@
 
 mod begin;
 mod complete;
+mod follow;
 mod following;
 mod save;
 
@@ -298,7 +299,7 @@ impl MappingRun {
         if let Some(keeper) = self.keeper() {
             keeper.restart();
         }
-        self.stop_following();
+        self.following.iter_mut().for_each(Following::clear);
         observer.restarted();
     }
 

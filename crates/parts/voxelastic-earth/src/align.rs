@@ -204,7 +204,8 @@ mod tests {
         let mut pair = |k: usize| {
             let in_map = Vector3::new(200.0 * random(), 80.0 * random(), 6.0 * random());
             let noise = Vector3::new(random(), random(), random()) * 0.06;
-            let off = if k % count.div_ceil(wrong.max(1)) == 0 && wrong > 0 { Vector3::new(30.0 * random(), 40.0, 5.0) } else { Vector3::zeros() };
+            let off =
+                if k.is_multiple_of(count.div_ceil(wrong.max(1))) && wrong > 0 { Vector3::new(30.0 * random(), 40.0, 5.0) } else { Vector3::zeros() };
             let measured = (t_plane_map * nalgebra::Point3::from(in_map)).coords + noise + off;
             Pair { in_map, measured, covariance: Matrix3::identity() * 4e-4 }
         };

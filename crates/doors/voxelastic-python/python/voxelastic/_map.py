@@ -115,7 +115,7 @@ class Map:
         Args:
             path: The file; its ending says the format. A cloud of the surface is `.ply`, `.pcd`, `.las`, `.laz`, `.copc.laz` or `.e57`, in the frame of the poses, that is with
                 `origin`. Free and occupied space is an OctoMap, `.bt` (states) or `.ot` (log-odds), whose coordinates count from `origin`. A folder, which is there or
-                ends with a slash (`"tiles/"`), gets the surface as 3D Tiles with a page that shows them.
+                ends with a slash (`"tiles/"`), gets the surface as 3D Tiles with a page that shows them. `map.yaml` is the floor as 2-D maps for Nav2, one for each storey.
             voxel_size: Edge of the voxels of an OctoMap, metres; by default that of the finest voxel.
             lod: Level of detail of the surface, a number from 0 (full resolution) to 3.
             min_weight: Smallest number of observations of a voxel that contributes to the surface.

@@ -1,11 +1,12 @@
 //! The floor as 2-D maps for robots, one for each storey.
 
-use crate::map_files::LoadedMap;
 use crate::{Error, Result};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
+use voxelastic::atlas::Atlas;
 use voxelastic::field::occupancy::State;
 use voxelastic_ground::{Body, Cells, Grid, Ground, GroundError, Known, Storey};
+use voxelastic_io::Origin;
 use voxelastic_io::raster::Raster;
 use voxelastic_io::raster::map_server::{self, Mode, UNKNOWN};
 
@@ -78,10 +79,10 @@ pub struct ConnectionKeys {
 ///
 /// # Errors
 /// As [`Ground::of`], with the name of the map.
-pub fn ground_of(loaded: &LoadedMap, map: &Path, resolution: Option<f64>, body: &Body) -> Result<Ground> {
+pub fn ground_of(atlas: &Atlas, map: &Path, resolution: Option<f64>, body: &Body) -> Result<Ground> {
     // The setting as a decimal number: 0.065 and not its nearest single-precision number.
-    let finest = loaded.settings.voxel_size.to_string().parse().unwrap_or_else(|_| f64::from(loaded.settings.voxel_size));
-    Ground::of(&loaded.atlas, resolution.unwrap_or(finest), body).map_err(|error| {
+    let finest = atlas.voxel_size().to_string().parse().unwrap_or_else(|_| f64::from(atlas.voxel_size()));
+    Ground::of(atlas, resolution.unwrap_or(finest), body).map_err(|error| {
         let message = format!("{}: {error}", map.display());
         match error {
             GroundError::Resolution { .. } | GroundError::Robot { .. } => Error::usage(message, error.remedy()),
@@ -94,10 +95,10 @@ pub fn ground_of(loaded: &LoadedMap, map: &Path, resolution: Option<f64>, body: 
 ///
 /// # Errors
 /// As [`ground_of`], or a file that cannot be written.
-pub fn write(path: &Path, loaded: &LoadedMap, map: &Path, options: &GridOptions) -> Result<Written> {
+pub fn write(path: &Path, atlas: &Atlas, origin: Origin, map: &Path, options: &GridOptions) -> Result<Written> {
     let GridOptions { resolution, body, mode } = *options;
-    let ground = ground_of(loaded, map, resolution, &body)?;
-    let origin = loaded.origin.coordinates();
+    let ground = ground_of(atlas, map, resolution, &body)?;
+    let origin = origin.coordinates();
     let storeys = ground.storeys();
     let mut keys = Vec::with_capacity(storeys.len());
     for (number, storey) in storeys.iter().enumerate() {

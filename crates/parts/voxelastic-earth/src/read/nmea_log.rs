@@ -115,11 +115,7 @@ impl Log {
                     (fix.covariance, self.has_deviations) = (Some(covariance), true);
                 }
             }
-            "GGA" => {
-                if self.fix(sentence).is_none() {
-                    self.out.without_position += 1;
-                }
-            }
+            "GGA" if self.fix(sentence).is_none() => self.out.without_position += 1,
             _ => {}
         }
     }

@@ -39,7 +39,7 @@ pub(super) fn read(text: &str) -> Result<Fixes, EarthError> {
     for (number, line) in lines.filter(|(_, line)| !line.starts_with('#')) {
         out.all.push(Row { number, words: words(line).collect(), columns: &columns }.fix()?);
     }
-    let known = |column: &str| columns.iter().any(|c| *c == Some(column));
+    let known = |column: &str| columns.contains(&Some(column));
     if known("ellipsoidal_height") {
         out.heights = Heights::Ellipsoid;
     }

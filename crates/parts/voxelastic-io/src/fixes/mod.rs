@@ -17,10 +17,11 @@ use voxelastic_earth::{EarthError, Fixes};
 pub fn read(path: impl AsRef<Path>, topic: Option<&str>) -> Result<Fixes> {
     let path = path.as_ref();
     let is_there = path.metadata().map_err(|e| Error::io(path, "read", e));
-    if is_there?.is_dir() {
-        if let Some(folder) = [path.join("oxts"), path.to_owned()].into_iter().find(|folder| folder.join("data").is_dir()) {
-            return oxts::read(&folder);
-        }
+    let drives = [path.join("oxts"), path.to_owned()];
+    if is_there?.is_dir()
+        && let Some(folder) = drives.iter().find(|folder| folder.join("data").is_dir())
+    {
+        return oxts::read(folder);
     }
     if bag::is_recording(path)? {
         return bag::fixes(path, topic);

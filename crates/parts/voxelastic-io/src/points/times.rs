@@ -46,7 +46,12 @@ pub(super) fn relative_times(mut values: Vec<f64>, points: &[[f32; 3]], name: &s
     let is_curvature = name.eq_ignore_ascii_case(CURVATURE);
     let usual = if is_curvature { 1e-3 } else { usual_unit_s(scalar, first) };
     let all = bounds(&values, first);
-    if scalar == Scalar::F32 && first.abs() > LARGEST_FINE && all.1 - all.0 < LEAST_STEPS * first.abs() * f64::from(f32::EPSILON) {
+    let known = || values.iter().zip(points).filter(is_known).map(|(t, _)| *t);
+    let is_coarse = |first: f64| {
+        let (low, high) = known().fold((first, first), |(low, high), t| (low.min(t), high.max(t)));
+        high - low < LEAST_STEPS * first.abs() * f64::from(f32::EPSILON)
+    };
+    if scalar == Scalar::F32 && first.abs() > LARGEST_FINE && is_coarse(first) {
         if !SAID_COARSE.swap(true, Ordering::Relaxed) {
             tracing::warn!("{}: floats of 32 bits cannot hold the times in field {name}, {first}: ignored; write them as 64 bits", path.display());
         }
@@ -57,7 +62,7 @@ pub(super) fn relative_times(mut values: Vec<f64>, points: &[[f32; 3]], name: &s
         (all, usual)
     } else {
         // Points without a return may have any time. Leaving them out is slower and rarely needed.
-        let known: Vec<f64> = values.iter().zip(points).filter(is_known).map(|(t, _)| *t).collect();
+        let known: Vec<f64> = known().collect();
         (bounds(&known, first), unit_s(known, usual))
     };
     // The curvature of a surface is at most 1/3; a sweep lasts longer than a third of a millisecond.

@@ -17,7 +17,6 @@ use xxhash_rust::xxh3::xxh3_64;
 
 /// Trees of this many levels are files of their own.
 const LEVELS_PER_FILE: u8 = 4;
-/// Name of the file that viewers are given.
 
 /// Writes the tiles of one map to a folder.
 ///
