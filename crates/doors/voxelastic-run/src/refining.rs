@@ -13,6 +13,9 @@ use voxelastic::mapper::ScanSource;
 use voxelastic::{Cloud, Mapper};
 use voxelastic_slam::refine::{Judgement, RefineSettings, Refined, ScanSurface, refine};
 
+/// Poses of lidars in the map.
+pub type Poses = Vec<(NodeId, Pose)>;
+
 /// Edges of the cells of scans that are tried, metres: thin clouds need larger ones.
 const CELLS: [f32; 3] = [0.2, 0.4, 0.8];
 /// The share of the surfels of a scan that must be planes, for the smallest cells that have it.
@@ -128,7 +131,7 @@ impl MapScans {
     ///
     /// # Errors
     /// When the equations do not fit into memory.
-    pub fn refine(&self, warnings: &mut Warnings) -> Result<(Option<Vec<(NodeId, Pose)>>, RefineSummary)> {
+    pub fn refine(&self, warnings: &mut Warnings) -> Result<(Option<Poses>, RefineSummary)> {
         let settings = RefineSettings::default();
         let refined = refine(&self.poses, &self.surfaces, &[], f64::from(self.cell), &settings).map_err(|e| Error::new(e.to_string(), ""))?;
         let moved: Vec<f64> = self.poses.iter().zip(&refined.poses).map(|(a, b)| a.translation_distance(b)).collect();
