@@ -110,7 +110,7 @@ fn a_correction_moves_and_fuses_submaps_and_rebuilding_removes_deformation() {
 fn a_submap_is_rebuilt_a_scan_at_a_time_while_others_come() {
     let (town, poses) = (Town::new(), drive());
     let (poses, mut source) = (&poses[..9], ReplayedScans(&town, &poses[..9]));
-    let settings = || Settings { min_overlap: 0.0, ..settings() };
+    let settings = || Settings { min_overlap: 0.0, deform_tolerance: 0.5, ..settings() };
     let [mut mapper, mut right] = [(); 2].map(|()| Mapper::new(settings()).unwrap());
     for (i, (truth, drifted)) in poses.iter().enumerate() {
         right.handle(town.scan(i as NodeId, truth, truth)).unwrap();
