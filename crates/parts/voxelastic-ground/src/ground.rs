@@ -41,7 +41,10 @@ impl Ground {
         let is_floor = reached(&levels, &cells, &seeds);
         let (of_level, count) = storeys(&levels, &cells, &is_floor, &seeds);
         let connections = connections(&levels, &cells, &of_level);
-        let storeys = (0..count).filter_map(|storey| Storey::new(&cells, &levels, &of_level, storey as u16, body)).collect();
+        let storeys: Vec<Storey> = (0..count).filter_map(|storey| Storey::new(&cells, &levels, &of_level, storey as u16, body)).collect();
+        if storeys.is_empty() {
+            return Err(GroundError::NoFloor { scans: places.len() });
+        }
         Ok(Self { columns, storeys, connections, body: *body })
     }
 

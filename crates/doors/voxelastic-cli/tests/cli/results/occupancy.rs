@@ -68,7 +68,7 @@ fn slices_of_maps_without_occupancy_show_distances() {
     let plan = json(dir.path(), "slice room.vox --z 1.2 -o plan.png --json");
     assert!(is_png(&dir.path().join("plan.png")) && plan.get("free").is_none(), "{plan}");
     fails(dir.path(), "export room.vox -o room.bt", 1, &["no occupancy", "--field occupancy"]);
-    fails(dir.path(), "export room.vox -o room.txt", 2, &["room.txt", ".bt or .ot"]);
+    fails(dir.path(), "export room.vox -o room.txt", 2, &["room.txt", ".bt, .ot or .yaml"]);
 }
 
 #[test]

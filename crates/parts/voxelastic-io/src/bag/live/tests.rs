@@ -136,9 +136,14 @@ fn a_path_corrects_the_scans_that_came_before_it() {
     assert_eq!(scan_positions(&events), [0.0, 1.0, 2.0, 3.5]);
 }
 
+/// Where the lidar is on the robot: without it nothing is mapped.
+fn mount() -> (&'static str, Vec<u8>) {
+    ("/tf_static", transform(0.0, "base", "lidar", 0.0))
+}
+
 #[test]
 fn a_clock_that_goes_back_is_noticed() {
-    let mut messages = Vec::new();
+    let mut messages = vec![mount()];
     for (start, x) in [(100.0, 0.0), (20.0, 50.0)] {
         for k in 0..5 {
             let time = start + 0.1 * f64::from(k);
@@ -158,6 +163,7 @@ pub(super) fn clock(time: f64) -> Vec<u8> {
 fn scans_wait_for_poses_in_the_time_of_the_simulation() {
     // Seven seconds pass at once.
     let messages = vec![
+        mount(),
         ("/clock", clock(10.0)),
         ("/odom", odometry(10.0, 1.0)),
         ("/points", cloud(12.0)),
@@ -179,7 +185,7 @@ fn a_simulation_that_is_started_again_uses_no_pose_of_after_for_a_scan_of_before
     let scan = |time: f64| ("/points", cloud(time));
     for source in ["/odom", "/tf"] {
         let pose = |time: f64, x: f64| (source, if source == "/tf" { transform(time, "odom", "lidar", x) } else { odometry(time, x) });
-        let mut messages = vec![tick(30.0)];
+        let mut messages = if source == "/tf" { vec![tick(30.0)] } else { vec![mount(), tick(30.0)] };
         for k in 0..3 {
             let time = 30.0 + 0.1 * f64::from(k);
             messages.extend([tick(time), pose(time, f64::from(k)), scan(time)]);
@@ -263,7 +269,7 @@ fn nothing_is_kept_of_a_scan_that_comes_only_once() {
         let time = 10.0 + 0.1 * f64::from(k);
         [("/odom", odometry(time, f64::from(k))), ("/points", cloud(time))]
     });
-    let (events, frames) = played(&OpenOptions::default(), messages.collect());
+    let (events, frames) = played(&OpenOptions::default(), std::iter::once(mount()).chain(messages).collect());
     assert_eq!(scan_positions(&events).len(), 20);
     assert_eq!(frames.kept(), 0, "what would read a scan again");
 }
