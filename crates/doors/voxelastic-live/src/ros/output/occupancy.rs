@@ -4,7 +4,7 @@ use crate::ros::messages::Grid;
 use std::time::{Duration, Instant};
 use voxelastic::atlas::Atlas;
 use voxelastic::field::occupancy::State;
-use voxelastic::query::{AtlasQuery, Resampling};
+use voxelastic::query::{AtlasQuery, Axis, Resampling, SliceRequest};
 use voxelastic_ground::{Body, Ground, GroundError};
 use voxelastic_io::octomap;
 
@@ -17,6 +17,9 @@ const MOST_CELLS: f64 = 4000.0;
 
 /// The 2-D map ends at multiples of this many cells, so that its origin seldom moves as it grows.
 const BLOCK: i32 = 128;
+
+/// Without a floor, obstacles are those in this layer, metres above the sensor.
+const SENSOR_LAYER: [f64; 2] = [-0.2, 0.3];
 
 /// What the 2-D map is made for.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -129,7 +132,10 @@ pub fn floor_plan(atlas: &Atlas, settings: &GridSettings, robot: [f64; 3]) -> Re
     while f64::from(size[0].max(size[1])) > MOST_CELLS * resolution {
         resolution *= 2.0;
     }
-    let ground = Ground::of(atlas, resolution, &settings.body)?;
+    let ground = match Ground::of(atlas, resolution, &settings.body) {
+        Err(GroundError::NoFloor { .. }) => return Ok(without_floor(&query, resolution, robot[2])),
+        ground => ground?,
+    };
     let storey = &ground.storeys()[ground.storey_below(robot).unwrap_or(0)];
     let grid = ground.grid(storey).padded(BLOCK);
     let cell = |state: &State| match state {
@@ -139,4 +145,13 @@ pub fn floor_plan(atlas: &Atlas, settings: &GridSettings, robot: [f64; 3]) -> Re
     };
     let [x, y] = grid.cells.origin();
     Ok(FloorPlan { resolution, width: grid.cells.size[0], origin: [x, y, storey.height], cells: grid.states.iter().map(cell).collect() })
+}
+
+/// Where no floor was found, as at the beginning: obstacles at the height of the sensor. Nothing is free, as nobody knows what a robot would stand on.
+fn without_floor(query: &AtlasQuery<'_>, resolution: f64, height: f64) -> FloorPlan {
+    let (bounds, low) = (query.bounds(), height + SENSOR_LAYER[0]);
+    let request = SliceRequest { axis: Axis::Z, at: low, thickness: SENSOR_LAYER[1] - SENSOR_LAYER[0], pixel: resolution, bounds };
+    let slice = query.slice(&request);
+    let cells = slice.states.iter().map(|state| if *state == State::Occupied { 100 } else { -1 }).collect();
+    FloorPlan { resolution, width: slice.width, origin: [f64::from(bounds.min[0]), f64::from(bounds.min[1]), low], cells }
 }
