@@ -3,13 +3,11 @@
 use super::recent::RecentScans;
 use super::report::Failure;
 use crate::registration::{LocalMap, Registration, RegistrationSettings, Surfel, ranked, register, search};
-use nalgebra::{Point3, Translation3, Unit, UnitQuaternion, Vector3};
+use nalgebra::{Translation3, Unit, UnitQuaternion, Vector3};
 use voxelastic::geometry::Pose;
 
 /// Share of a scan's surfaces that must have a counterpart in the map.
 const LEAST_OVERLAP: f64 = 0.3;
-/// The same where the map has too few points in most places to have surfaces.
-const LEAST_DECIDED: f64 = 0.1;
 /// A registration whose score falls below this share of the usual one is doubted.
 const USUAL_SCORE: f64 = 0.8;
 /// A doubted pose is refused if more than this share of its surfaces contradicts the free space of the last scans, or theirs that of the scan.
@@ -69,7 +67,7 @@ impl Surroundings<'_> {
         }
         let starts: Vec<Pose> = starts(prediction, last, &self.verticals()).iter().map(|start| self.map_from_voxels.inverse() * *start).collect();
         let others = search(self.surfels, &starts, self.levels, &self.settings).into_iter();
-        let fitting = expected.map(|found| found.registration).into_iter().chain(others.filter(|found| self.has_overlap(found)));
+        let fitting = expected.map(|found| found.registration).into_iter().chain(others.filter(has_overlap));
         let candidates = ranked(fitting.collect());
         if candidates.is_empty() {
             return Err(Failure::TooLittleOverlap);
@@ -80,22 +78,7 @@ impl Surroundings<'_> {
     /// Registers the scan from a pose in the map that is wrong by about `sigma`, metres; `None` if it overlaps too little.
     pub(super) fn register_from(&self, start: &Pose, sigma: f64) -> Option<Found> {
         let start = self.map_from_voxels.inverse() * start;
-        register(self.surfels, &start, self.levels, sigma, &self.settings)
-            .filter(|found| self.has_overlap(found))
-            .map(|registration| self.found(registration))
-    }
-
-    /// Whether enough of the scan's surfaces have a counterpart. Where the map has only begun, most of it may hold too few points to tell: the lines of single beams on
-    /// the ground, from one or two scans. What lies there says nothing.
-    fn has_overlap(&self, found: &Registration) -> bool {
-        if found.overlap >= LEAST_OVERLAP {
-            return true;
-        }
-        let pose = &found.t_map_lidar;
-        let at = |s: &Surfel| pose.transform_point(&Point3::from(s.point.map(f64::from))).coords.into();
-        let undecided = self.surfels.iter().filter(|s| self.levels[0].is_undecided(at(s))).count();
-        let decided = self.surfels.len() - undecided;
-        found.overlap >= LEAST_DECIDED && found.overlap * self.surfels.len() as f64 >= LEAST_OVERLAP * decided as f64
+        register(self.surfels, &start, self.levels, sigma, &self.settings).filter(has_overlap).map(|registration| self.found(registration))
     }
 
     /// The axes about which headings turn, lidar frame: that of an upright sensor, and of one that is not what else may be the vertical.
@@ -111,6 +94,10 @@ impl Surroundings<'_> {
     fn is_usual(&self, found: &Registration) -> bool {
         found.is_converged && found.score > USUAL_SCORE * self.usual_score
     }
+}
+
+fn has_overlap(found: &Registration) -> bool {
+    found.overlap >= LEAST_OVERLAP
 }
 
 /// Poses from which a doubted scan is registered: turned about each of these axes, lidar frame.

@@ -193,13 +193,6 @@ impl LocalMap {
         (surface.weight > 0.0).then(|| (std::array::from_fn(from_mean), surface))
     }
 
-    /// Whether a point lies among voxels that hold points, but too few of them for a surface.
-    pub(crate) fn is_undecided(&self, p: [f64; 3]) -> bool {
-        let base = p.map(|v| floor(v / self.size - 0.5));
-        let around = self.index.corners(base);
-        around.iter().any(|position| *position != ABSENT) && around.iter().all(|k| *k == ABSENT || self.surfaces[*k as usize].weight <= 0.0)
-    }
-
     /// Removes voxels farther than `radius` from a point.
     pub(crate) fn prune(&mut self, centre: [f64; 3], radius: f64) {
         let limit = (radius / self.size).powi(2);
