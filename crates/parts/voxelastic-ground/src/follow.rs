@@ -11,6 +11,8 @@ pub(crate) const FOLLOWED_STEP: f32 = 0.3;
 const PASSED_GAP: f64 = 0.5;
 /// The floor under a sensor is looked for this far to the side, metres: straight below it is seen only from elsewhere.
 const ASIDE: f64 = 1.5;
+/// The same while the sensor has not come to where it saw the floor: the lowest beams of a lidar on a car meet it some metres ahead.
+const FAR_ASIDE: f64 = 10.0;
 /// How far below the sensor the floor is at most, metres.
 const MOST_DEPTH: f64 = 20.0;
 /// The floor is as far below the sensor as it mostly is, plus or minus this, metres.
@@ -47,24 +49,37 @@ pub(crate) fn neighbours(levels: &Levels, cells: &Cells, may_be: &[bool], (cell,
 /// The levels under the sensor at each of `places`, and how far below.
 ///
 /// Straight below, the floor is as far down as it is under most places. Where it was not seen there, it is the level nearest to that depth in the nearest cell that has one:
-/// not a table that the sensor passes.
+/// not a table that the sensor passes. As long as it was seen straight below nowhere, it is as far down as the lowest level in the nearest cells that have any.
 pub(crate) fn levels_below(levels: &Levels, cells: &Cells, places: &[[f64; 3]]) -> Vec<Option<usize>> {
     let depth = |p: &[f64; 3], k: usize| p[2] - f64::from(levels.all()[k].height);
     let may_be = |p: &[f64; 3], k: &usize| (0.0..=MOST_DEPTH).contains(&depth(p, *k)) && levels.all()[*k].headroom >= LEAST_HEADROOM;
     let straight = |p: &[f64; 3]| levels.of_cell(cells.at([p[0], p[1]])?).rev().find(|k| may_be(p, k));
-    let mut depths: Vec<f64> = places.iter().filter_map(|p| Some(depth(p, straight(p)?))).collect();
-    depths.sort_unstable_by(f64::total_cmp);
-    let usual = depths.get(depths.len() / 2).copied();
-    let reach = cells.reach(ASIDE);
     let ring = |r: i32| (-r..=r).flat_map(move |x| (-r..=r).map(move |y| [x, y])).filter(move |c| c[0].abs().max(c[1].abs()) == r);
+    let in_ring = |p: &[f64; 3], cell: usize, r: i32| -> Vec<usize> {
+        ring(r).filter_map(|by| cells.beside(cell, by)).flat_map(|cell| levels.of_cell(cell)).filter(|k| may_be(p, k)).collect()
+    };
+    let far = cells.reach(FAR_ASIDE);
+    let lowest_beside = |p: &[f64; 3]| {
+        let cell = cells.at([p[0], p[1]])?;
+        let nearest = (1..=far).map(|r| in_ring(p, cell, r)).find(|found| !found.is_empty())?;
+        nearest.into_iter().max_by(|a, b| depth(p, *a).total_cmp(&depth(p, *b)))
+    };
+    let median = |mut depths: Vec<f64>| {
+        depths.sort_unstable_by(f64::total_cmp);
+        depths.get(depths.len() / 2).copied()
+    };
+    let depths = |level: &dyn Fn(&[f64; 3]) -> Option<usize>| places.iter().filter_map(|p| Some(depth(p, level(p)?))).collect();
+    let (usual, reach) = match median(depths(&straight)) {
+        Some(usual) => (usual, cells.reach(ASIDE)),
+        None => match median(depths(&lowest_beside)) {
+            Some(usual) => (usual, far),
+            None => return vec![None; places.len()],
+        },
+    };
     let find = |p: &[f64; 3]| {
-        let usual = usual?;
         let off = |k: &usize| (depth(p, *k) - usual).abs();
         let cell = cells.at([p[0], p[1]])?;
-        let of_ring = |r: i32| {
-            let near = ring(r).filter_map(|by| cells.beside(cell, by)).flat_map(|cell| levels.of_cell(cell));
-            near.filter(|k| may_be(p, k) && off(k) <= USUAL).min_by(|a, b| off(a).total_cmp(&off(b)))
-        };
+        let of_ring = |r: i32| in_ring(p, cell, r).into_iter().filter(|k| off(k) <= USUAL).min_by(|a, b| off(a).total_cmp(&off(b)));
         (0..=reach).find_map(of_ring).or_else(|| straight(p))
     };
     places.iter().map(find).collect()
