@@ -5,8 +5,10 @@ use super::middleware::{Answer, Deliver, Delivery, Handle, Middleware, Middlewar
 use super::parameters::{self, FIXED};
 use super::raw_message::RawMessage;
 use futures::StreamExt;
-use ros2_client::dds::rustdds::DomainParticipantBuilder;
+use ros2_client::dds::rustdds::dds::result::CreateResult;
+use ros2_client::dds::rustdds::no_key::DataWriter;
 use ros2_client::dds::rustdds::policy::Reliability as DdsReliability;
+use ros2_client::dds::rustdds::{DomainParticipantBuilder, QosPolicies, Timestamp, TopicKind};
 use ros2_client::dds::{Context, Node, Publisher, Server, ServiceMapping, Subscription};
 use ros2_client::qos::{Durability, History, Reliability, WhenFull};
 use ros2_client::{MessageTypeName, Name, NodeName, ParameterValue, QosProfile, ServiceTypeName};
@@ -16,6 +18,9 @@ use std::pin::pin;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::sync::oneshot;
+
+/// The least that a datagram carries anywhere, less what is written around an answer.
+const LONG_ANSWER: usize = 1300;
 
 /// Requests that may wait.
 const REQUESTS: usize = 10;
@@ -77,6 +82,14 @@ impl Dds {
             data.topic_name == dds_name && matches!(data.reliability, Some(DdsReliability::Reliable { .. }))
         })
     }
+
+    /// Sends the answers of a service to clients like those of Cyclone DDS, which find in the message whose request it answers. The library's own answers say it beside the
+    /// message as well, and RustDDS 0.15 damages such messages where they do not fit in one datagram.
+    fn cyclone_answers(&self, service: &str, answer: String, qos: &QosProfile) -> CreateResult<DataWriter<RawMessage>> {
+        let (participant, qos) = (self.context.domain_participant(), QosPolicies::from(qos));
+        let topic = participant.create_topic(format!("rr{service}Reply"), answer, &qos, TopicKind::NoKey)?;
+        participant.create_publisher(&qos)?.create_datawriter_no_key_cdr(&topic, Some(qos))
+    }
 }
 
 impl Middleware for Dds {
@@ -135,16 +148,38 @@ impl Middleware for Dds {
         let service = split(name).ok_or_else(|| failed(&"no name of a service"))?;
         let (package, kind) = interfaces::parts(kind).ok_or_else(|| failed(&"no type of a service"))?;
         let qos = QosProfile::publisher_default().history(History::KeepLast { depth: REQUESTS });
-        let (mapping, kind) = (self.mapping, ServiceTypeName::new(package, kind));
-        let server: Server<RawMessage, RawMessage> = self.node().create_server(mapping, &service, &kind, qos.clone(), qos).map_err(|e| failed(&e))?;
+        let mapping = self.mapping;
+        let answers = match mapping {
+            ServiceMapping::Cyclone => {
+                Some(self.cyclone_answers(name, format!("{package}::srv::dds_::{kind}_Response_"), &qos).map_err(|e| failed(&format!("{e:?}")))?)
+            }
+            _ => None,
+        };
+        let server: Server<RawMessage, RawMessage> =
+            self.node().create_server(mapping, &service, &ServiceTypeName::new(package, kind), qos.clone(), qos).map_err(|e| failed(&e))?;
         let name = name.to_owned();
         run("dds-service", async move {
             let mut requests = pin!(server.receive_request_stream());
             while let Some(request) = requests.next().await {
                 let Ok((id, request)) = request else { continue };
                 let Some(response) = answer(&request.into_message()) else { continue };
-                if let Err(problem) = server.async_send_response(id, RawMessage::of(&response)).await {
-                    tracing::warn!("DDS: the answer of {name} is lost: {problem:?}");
+                let sent = match &answers {
+                    Some(answers) => {
+                        let answer = RawMessage::of_answer(&id.writer_gid.to_bytes16(), id.sequence_number, &response);
+                        answers.async_write(answer, Some(Timestamp::now())).await.map_err(|e| format!("{e:?}"))
+                    }
+                    None => {
+                        if response.len() > LONG_ANSWER {
+                            tracing::warn!(
+                                "DDS: the answer of {name} has {} bytes: a client on Fast DDS gets it only if it fits in one datagram of its network (RustDDS 0.15)",
+                                response.len()
+                            );
+                        }
+                        server.async_send_response(id, RawMessage::of(&response)).await.map_err(|e| format!("{e:?}"))
+                    }
+                };
+                if let Err(problem) = sent {
+                    tracing::warn!("DDS: the answer of {name} is lost: {problem}");
                 }
             }
         })

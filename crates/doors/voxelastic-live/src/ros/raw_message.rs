@@ -17,6 +17,13 @@ impl RawMessage {
         Self(message.get(CDR_HEADER.len()..).unwrap_or_default().to_vec())
     }
 
+    /// The answer `message` to the request `number` of a client of Cyclone DDS, which has the second half of `client` and the number in front.
+    pub fn of_answer(client: &[u8; 16], number: i64, message: &[u8]) -> Self {
+        let (high, low) = ((number >> 32) as i32, number as u32);
+        let body = message.get(CDR_HEADER.len()..).unwrap_or_default();
+        Self([&client[8..], &high.to_le_bytes(), &low.to_le_bytes(), body].concat())
+    }
+
     /// The message with its header.
     pub fn into_message(mut self) -> Vec<u8> {
         self.0.splice(..0, CDR_HEADER);

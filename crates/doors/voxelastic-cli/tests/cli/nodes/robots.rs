@@ -9,8 +9,6 @@ use voxelastic_testing::{Domain, PATIENCE};
 const INTERFACE: &str =
     "<CycloneDDS><Domain id='any'><General><Interfaces><NetworkInterface name='lo' multicast='true'/></Interfaces></General></Domain></CycloneDDS>";
 
-// Not passed since the grid follows the floor: the robot asks for a grid that has free space before it can have any.
-#[ignore = "waits for an answer of ~/map that does not come while no floor is known"]
 #[test]
 fn a_robot_on_cyclone_dds_is_mapped_and_told_what_is_wrong() {
     let Some(python) = voxelastic_testing::python("cyclonedds, numpy") else { return };
@@ -49,10 +47,10 @@ fn a_robot_on_cyclone_dds_is_mapped_and_told_what_is_wrong() {
     assert!(plan["frame"] == "map" && plan["off_m"].as_f64().is_some_and(|off| off < 0.5), "{seen}");
     assert_eq!((&seen["plan_from_nonsense"], &seen["get_map"]), (&serde_json::json!(0), &serde_json::json!(["map", true, true])), "{seen}");
     assert!(said.contains("the frame nonsense is not connected with the map; the frames are: base_link, imu_link, lidar, map, odom"), "{said}");
-    // Old walls go within a second or two, on a machine on which ten compilers run within half a minute.
+    // Old walls go within a second on a machine that has time (2 s is what is promised), in some seconds beside other tests.
     let old = &seen["old_walls"];
     assert!(old["before"].as_u64() > Some(50) && old["after"] == 0, "{seen}");
-    assert!(old["seconds"].as_f64().is_some_and(|seconds| seconds < 60.0), "{seen}");
+    assert!(old["seconds"].as_f64().is_some_and(|seconds| seconds < 10.0), "{seen}");
     println!("old walls went {} s after the correction; the first scan was mapped {} s after the mount came", old["seconds"], seen["first_scan_s"]);
     assert!(words("rival").contains("somebody else publishes the transform map -> odom"), "{seen}");
     assert!(words("silence").contains("nothing came on /robot1/points for") && seen["silence_level"] == 1, "{seen}");
