@@ -4,7 +4,7 @@ use super::describe::{describe_bag, describe_capture, is_capture, summarise};
 use super::packet_topics::PacketTopics;
 use super::raw_player::{RawPlayer, RecordedScan};
 use super::stream::{BagStream, StreamTopics};
-use super::topics::{choose_clouds, choose_further_clouds, choose_imu};
+use super::topics::{choose_clouds, choose_further_clouds, choose_imu, further_frames, mounted_beside};
 use crate::capture::CaptureKind;
 use crate::motion::ImuMount;
 use crate::playback::{CloudRereader, MessageStream, OpenStream, PlaybackLog};
@@ -71,7 +71,7 @@ impl RawRecording {
         let clouds = choose_clouds(&summary, path, options.cloud_topic.as_deref())?;
         let further = choose_further_clouds(&summary, path, &clouds, options)?;
         let described = describe_bag(files.clone(), &summary, options)?;
-        let (more, t_first_sensor): (Vec<String>, Vec<Pose>) = further.into_iter().unzip();
+        let (more, mut t_first_sensor): (Vec<String>, Vec<Pose>) = further.into_iter().unzip();
         let topics: Vec<String> = std::iter::once(clouds.clone()).chain(more).collect();
         let packets = PacketTopics::of(&summary, path, &topics, options)?;
         // How many scans packets make is not known.
@@ -84,11 +84,19 @@ impl RawRecording {
         let description = if imu.remark.is_empty() { description } else { format!("{description}\n{}", imu.remark) };
         let (imu, t_lidar_imu) = imu.topic.map_or((None, None), |(name, pose)| (Some(name), Some(pose)));
         let model = packets.model(&topics).map(Box::new);
-        let intervals = summary.intervals(&topics);
+        let further = further_frames(&summary, &topics, &packets);
+        let first_frame = summary.cloud_topics.get(&clouds).map(|topic| topic.frame.clone()).unwrap_or_default();
+        for frame in &further {
+            t_first_sensor.push(mounted_beside(&summary, path, &first_frame, frame)?);
+        }
+        let description =
+            further.iter().fold(description, |said, f| format!("{said}\nnote: clouds of {} in {} are of a sensor of their own", f.topic, f.frame));
+        let intervals = summary.intervals(&topics).into_iter().chain(further.iter().map(|frame| frame.interval.clone())).collect();
+        let frames = further.into_iter().map(|frame| [frame.topic, frame.frame]).collect();
         let without_stamps = summary.without_stamps(topics.iter().chain(&imu));
         let description =
             super::description::without_stamps(&without_stamps).map_or(description.clone(), |note| format!("{description}\nnote: {note}"));
-        let topics = StreamTopics { clouds: topics, intervals, without_stamps, imu, packets: packets.sensors, ..StreamTopics::default() };
+        let topics = StreamTopics { clouds: topics, frames, intervals, without_stamps, imu, packets: packets.sensors, ..StreamTopics::default() };
         let open: OpenStream = Arc::new(move || Ok(Box::new(BagStream::new(&files, topics.clone())) as Box<dyn MessageStream>));
         Ok(Self { path: path.into(), capture: None, open, model, count, description, t_lidar_imu, t_first_sensor, log })
     }

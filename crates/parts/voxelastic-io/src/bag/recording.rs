@@ -78,12 +78,13 @@ impl Recording {
             description.set_topics(&chosen, &summary);
             (Input::Bag(chosen), description)
         };
-        if let (Input::Bag(ChosenTopics { clouds, .. }), Some(graph)) = (&input, &options.graph)
-            && clouds.len() > 1
+        if let (Input::Bag(ChosenTopics { clouds, frames, .. }), Some(graph)) = (&input, &options.graph)
+            && clouds.len() + frames.len() > 1
             && graph.is_file()
         {
+            let of_sensors: Vec<String> = clouds.iter().cloned().chain(frames.iter().map(|[topic, frame]| format!("{topic} in {frame}"))).collect();
             let remedy = "map one of them with the graph (--cloud-topic), or give the corrected trajectory with --poses instead of the graph";
-            return Err(Error::dataset(graph, format!("a graph has nodes of one sensor, but {} are mapped", clouds.join(" and ")), remedy));
+            return Err(Error::dataset(graph, format!("a graph has nodes of one sensor, but {} are mapped", of_sensors.join(" and ")), remedy));
         }
         check_change(path, &input, options)?;
         let given = options.poses.as_deref().map(|file| read_track(file, &options.pose_change)).transpose()?;
@@ -199,8 +200,9 @@ impl Recording {
             Input::Bag(chosen) => {
                 let poses = chosen.poses.clone().filter(|(_, role)| *role != TopicRole::Transforms).map(|(name, _)| name);
                 let (clouds, packets, intervals) = (chosen.clouds.clone(), chosen.packets.sensors.clone(), chosen.intervals.clone());
-                let (corrections, without_stamps) = (self.options.correction_topic.clone(), chosen.without_stamps.clone());
-                let topics = StreamTopics { clouds, poses, corrections, imu: None, packets, intervals, without_stamps };
+                let (corrections, without_stamps, frames) =
+                    (self.options.correction_topic.clone(), chosen.without_stamps.clone(), chosen.frames.clone());
+                let topics = StreamTopics { clouds, frames, poses, corrections, imu: None, packets, intervals, without_stamps };
                 Arc::new(move || Ok(Box::new(BagStream::new(&files, topics.clone())) as Box<dyn MessageStream>))
             }
             Input::Capture(kind) => {

@@ -83,6 +83,8 @@ pub(super) struct StreamTopics {
     pub(super) packets: BTreeMap<String, PacketSensor>,
     /// How often clouds of each sensor come, as far as the beginning shows it.
     pub(super) intervals: Vec<Interval>,
+    /// Further sensors that publish to a topic of the clouds: the topic, and the frame of their clouds.
+    pub(super) frames: Vec<[String; 2]>,
     /// Topics whose messages have time stamps of zero: the times at which they were recorded are taken.
     pub(super) without_stamps: Vec<String>,
 }
@@ -104,9 +106,11 @@ impl StreamTopics {
         if self.without_stamps.contains(&message.topic.name) { message.message.time() } else { stamp }
     }
 
-    /// Which sensor the clouds of a topic are of.
-    fn sensor(&self, topic: &str) -> u16 {
-        self.clouds.iter().position(|name| name == topic).unwrap_or(0) as u16
+    /// Which sensor the clouds of a topic in this frame are of.
+    fn sensor(&self, topic: &str, frame: &str) -> u16 {
+        let further = self.frames.iter().position(|[name, further]| name == topic && further == frame);
+        let sensor = further.map_or_else(|| self.clouds.iter().position(|name| name == topic), |k| Some(self.clouds.len() + k));
+        sensor.unwrap_or(0) as u16
     }
 }
 
@@ -159,7 +163,7 @@ impl SensorMessages {
         let of_unit = self.topics.clouds.first().filter(|_| message.role == TopicRole::ImuPackets);
         let topic = of_unit.unwrap_or(&message.topic.name);
         let Some(source) = self.topics.packets.get(topic) else { return Ok(SensorMessage::Other) };
-        let made = match self.packets.entry(self.topics.sensor(topic)) {
+        let made = match self.packets.entry(self.topics.sensor(topic, "")) {
             Entry::Occupied(known) => known.into_mut(),
             Entry::Vacant(new) => {
                 let (sensor, frame, path) = (*new.key(), decoder.header()?.frame, Arc::clone(&message.path));
@@ -199,9 +203,9 @@ impl SensorMessages {
             // What is wrong with the rest of it is reported when it is decoded.
             let has_times = decoder.cloud_fields(message.role).map_or(true, |fields| fields.iter().any(|name| is_time(name)));
             let time = self.topics.time(&message, header.time);
-            let (bytes, name_of_topic) = (message.message.data.len(), message.topic.name.clone());
+            let bytes = message.message.data.len();
+            let sensor = self.topics.sensor(&message.topic.name, &header.frame);
             let decode = Box::new(move || message.cloud());
-            let sensor = self.topics.sensor(&name_of_topic);
             let interval_s = self.intervals.entry(sensor).or_default().after(time);
             return Ok(SensorMessage::Cloud(CloudMessage { time, frame: header.frame, sensor, interval_s, has_times, bytes, decode }));
         }

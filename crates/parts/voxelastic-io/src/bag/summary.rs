@@ -38,6 +38,32 @@ pub(super) struct CloudTopic {
     pub(super) fields: Vec<String>,
     /// How often they come.
     pub(super) interval: Interval,
+    /// Further frames of its clouds, and how often those come: several sensors may publish to one topic.
+    more: Vec<(String, Interval)>,
+}
+
+impl CloudTopic {
+    /// Sensors that publish to one topic at most: a driver that names each cloud anew makes no sensors.
+    const MOST_FRAMES: usize = 8;
+
+    /// Notes a cloud in this frame, of this time in seconds.
+    fn add(&mut self, frame: String, time: f64) {
+        if frame == self.frame {
+            self.interval.after(time);
+        } else if let Some((_, interval)) = self.more.iter_mut().find(|(other, _)| *other == frame) {
+            interval.after(time);
+        } else if self.more.len() + 1 < Self::MOST_FRAMES {
+            self.more.push((frame, Interval::default()));
+            self.more.last_mut().map(|(_, interval)| interval.after(time));
+        }
+    }
+}
+
+/// A further sensor that publishes to the topic of another one.
+pub(super) struct FurtherFrame {
+    pub(super) topic: String,
+    pub(super) frame: String,
+    pub(super) interval: Interval,
 }
 
 /// What is known about a recording before it is played.
@@ -161,9 +187,8 @@ impl RecordingSummary {
                     None
                 }
                 role if role.is_cloud() => decoder.header().ok().map(|header| {
-                    let topic =
-                        CloudTopic { frame: header.frame, fields: decoder.cloud_fields(role).unwrap_or_default(), interval: Interval::default() };
-                    (topic, header.time)
+                    let fields = decoder.cloud_fields(role).unwrap_or_default();
+                    (CloudTopic { frame: header.frame.clone(), fields, ..CloudTopic::default() }, header)
                 }),
                 TopicRole::Imu => {
                     if let Ok(header) = decoder.header() {
@@ -173,8 +198,8 @@ impl RecordingSummary {
                 }
                 _ => None,
             };
-            if let Some((cloud_topic, time)) = cloud_topic {
-                self.cloud_topics.entry(message.topic.name.clone()).or_insert(cloud_topic).interval.after(time);
+            if let Some((cloud_topic, header)) = cloud_topic {
+                self.cloud_topics.entry(message.topic.name.clone()).or_insert(cloud_topic).add(header.frame, header.time);
             }
         }
     }
@@ -196,6 +221,16 @@ impl RecordingSummary {
     /// How often the clouds of topics come.
     pub(super) fn intervals(&self, clouds: &[String]) -> Vec<Interval> {
         clouds.iter().map(|name| self.cloud_topics.get(name).map(|topic| topic.interval.before_first()).unwrap_or_default()).collect()
+    }
+
+    /// The sensors that publish to these topics beside the first of each.
+    pub(super) fn further_frames(&self, clouds: &[String]) -> Vec<FurtherFrame> {
+        let of_topic = |topic: &String| {
+            let known = self.cloud_topics.get(topic)?;
+            Some(known.more.iter().map(|(frame, interval)| (topic.clone(), frame.clone(), interval.before_first())).collect::<Vec<_>>())
+        };
+        let all = clouds.iter().filter_map(of_topic).flatten();
+        all.map(|(topic, frame, interval)| FurtherFrame { topic, frame, interval }).collect()
     }
 
     /// Those of these topics whose messages have time stamps of zero.

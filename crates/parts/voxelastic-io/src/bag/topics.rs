@@ -3,7 +3,7 @@
 use super::messages::topic_role::TopicRole;
 use super::packet_topics::PacketTopics;
 use super::stream::is_static;
-use super::summary::{CloudTopic, RecordingSummary};
+use super::summary::{CloudTopic, FurtherFrame, RecordingSummary};
 use crate::playback::SensorMounts;
 use crate::points::is_time;
 use crate::stamped_cloud::Interval;
@@ -19,6 +19,8 @@ const MAP_FRAMES: [&str; 5] = ["map", "odom", "world", "camera_init", "global"];
 pub(super) struct ChosenTopics {
     /// Those of the clouds, one for each sensor.
     pub(super) clouds: Vec<String>,
+    /// Further sensors that publish to one of them: the topic, and the frame of their clouds.
+    pub(super) frames: Vec<[String; 2]>,
     /// The topic of the poses; `None` if they come from a file.
     pub(super) poses: Option<(String, TopicRole)>,
     /// Frame of the first sensor's clouds.
@@ -83,13 +85,39 @@ pub(super) fn choose(summary: &RecordingSummary, path: &Path, options: &OpenOpti
             return Err(Error::dataset(path, problem, remedy));
         }
     }
-    let remark = (clouds.len() > 1).then(|| {
+    let further = further_frames(summary, &clouds, &packets);
+    if !by_transforms {
+        further.iter().try_for_each(|frame| mounted_beside(summary, path, &first_frame, frame).map(drop))?;
+    }
+    let sensors = clouds.len() + further.len();
+    let remark = (sensors > 1).then(|| {
         let choice = if by_itself { "; --cloud-topic chooses among them" } else { "" };
-        format!("{} sensors are mapped together, each with its own beams and its own pose on the vehicle{choice}", clouds.len())
+        let of_one: String = further.iter().map(|f| format!("; clouds of {} in {} are of a sensor of their own", f.topic, f.frame)).collect();
+        format!("{sensors} sensors are mapped together, each with its own beams and its own pose on the vehicle{choice}{of_one}")
     });
+    let intervals = summary.intervals(&clouds).into_iter().chain(further.iter().map(|frame| frame.interval.clone())).collect();
+    let frames = further.into_iter().map(|frame| [frame.topic, frame.frame]).collect();
     let with_headers = clouds.iter().chain(poses.iter().filter(|(_, role)| *role != TopicRole::Path).map(|(name, _)| name));
     let without_stamps = summary.without_stamps(with_headers);
-    Ok(ChosenTopics { intervals: summary.intervals(&clouds), without_stamps, clouds, poses, first_frame, packets, remark })
+    Ok(ChosenTopics { intervals, without_stamps, clouds, frames, poses, first_frame, packets, remark })
+}
+
+/// The sensors that publish clouds to these topics beside the first of each.
+pub(super) fn further_frames(summary: &RecordingSummary, clouds: &[String], packets: &PacketTopics) -> Vec<FurtherFrame> {
+    let frames = summary.further_frames(clouds).into_iter();
+    frames.filter(|further| !packets.sensors.contains_key(&further.topic)).collect()
+}
+
+/// Where such a sensor is in the frame of the first.
+///
+/// # Errors
+/// [`Error::Dataset`] if no fixed transform says it.
+pub(super) fn mounted_beside(summary: &RecordingSummary, path: &Path, first: &str, further: &FurtherFrame) -> Result<Pose> {
+    summary.tree.fixed(first, &further.frame).ok_or_else(|| {
+        let FurtherFrame { topic, frame, .. } = further;
+        let problem = format!("clouds of {topic} are in several frames, and no fixed transform leads from {first} to {frame}");
+        Error::dataset(path, problem, "record /tf_static, too, or have each sensor publish to a topic of its own, and say where they are: one --t-base-lidar for each --cloud-topic")
+    })
 }
 
 /// The topics of several raw sensors that can be mapped together without a choice: clouds with times of their points, each in a frame of its own, with fixed

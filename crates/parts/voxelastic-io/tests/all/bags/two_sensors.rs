@@ -8,7 +8,7 @@ use voxelastic::event::{Event, Scan};
 use voxelastic::geometry::PoseExt;
 use voxelastic::mapper::ScanSource;
 use voxelastic_io::bag::{Recording, describe};
-use voxelastic_io::{Error, OpenOptions, SensorTopic};
+use voxelastic_io::{Error, OpenOptions, SensorTopic, raw};
 use voxelastic_testing::run_python;
 
 /// Pose of the rear lidar in the frame of the first.
@@ -64,9 +64,28 @@ fn both_are_played_each_with_its_own_pose() {
     assert_eq!((d.cloud_topic.as_deref(), d.more_cloud_topics.as_slice()), (Some("/points"), &["/rear".to_owned()][..]), "by name");
     assert!(d.to_string().contains("2 sensors are mapped together") && d.to_string().contains("--cloud-topic"), "{d}");
 
+    on_one_topic_they_are_told_apart_by_their_frames(dir.path());
     odometry_follows_the_first(&at("two.mcap"));
     one_of_them_is_as_before(&at("two.mcap"));
     what_is_not_known_is_asked_for(dir.path());
+}
+
+fn on_one_topic_they_are_told_apart_by_their_frames(folder: &Path) {
+    for poses in ["odometry", "tf"] {
+        let path = folder.join(format!("two_on_one_{poses}.mcap"));
+        let (scans, errors) = play(&path, &every_scan());
+        assert!(errors.is_empty(), "{poses}: {errors:?}");
+        check(&scans, &rear(), poses);
+        let said = describe(&path, &OpenOptions::default()).unwrap().to_string();
+        assert!(said.contains("clouds of /points in rear are of a sensor of their own"), "{said}");
+        // Also without poses, where each is placed by its mount.
+        let raw = raw::open(&path, &OpenOptions::default()).unwrap();
+        assert!(raw.t_first_sensor().len() == 1 && raw.t_first_sensor()[0].translation_distance(&rear()) < 1e-9, "{}", raw.description());
+        assert_eq!(raw.iter().filter(|scan| scan.as_ref().unwrap().cloud.sensor == 1).count(), SCANS - 1);
+    }
+    let apart = folder.join("two_on_one_apart.mcap");
+    let refused = [Recording::open(&apart, &every_scan()).unwrap_err(), raw::open(&apart, &OpenOptions::default()).unwrap_err()];
+    assert!(refused.iter().all(|error| error.to_string().contains("no fixed transform leads from lidar to rear")), "{refused:?}");
 }
 
 fn odometry_follows_the_first(path: &Path) {

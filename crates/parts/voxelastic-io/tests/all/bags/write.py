@@ -128,8 +128,8 @@ class Drive:
         return sorted(out, key=lambda m: m[1])
 
 
-def two_lidars(drive, poses="odometry", is_beside=True):
-    """A drive with a second lidar, of another make: /rear in the frame rear, 0.04 s after the first, 2 m behind the lidar and turned by half a turn."""
+def two_lidars(drive, poses="odometry", is_beside=True, topic="/rear"):
+    """A drive with a second lidar, of another make: in the frame rear, 0.04 s after the first, 2 m behind the lidar and turned by half a turn."""
     out = drive.messages(poses=poses)
     if is_beside:
         pose = drive.pose(0)
@@ -138,7 +138,7 @@ def two_lidars(drive, poses="odometry", is_beside=True):
         out.append(("/tf_static", 99_900_000_001, drive.transforms(0, "lidar", "rear", pose)))
     for k in range(SCANS - 1):
         s, ns = seconds(k, 0.04)
-        out.append(("/rear", s * 1_000_000_000 + ns + 100_000_000, drive.cloud(k, "velodyne", "rear", 0.04)))
+        out.append((topic, s * 1_000_000_000 + ns + 100_000_000, drive.cloud(k, "velodyne", "rear", 0.04)))
     return sorted(out, key=lambda m: m[1])
 
 
@@ -222,6 +222,9 @@ def main():
     sqlite(folder / "two_tf", two_lidars(two, "tf"), two)
     sqlite(folder / "two_path", two_lidars(two, "path"), two)
     mcap(folder / "two_apart.mcap", two_lidars(two, is_beside=False), two, CompressionType.NONE)
+    for poses in ("odometry", "tf"):
+        mcap(folder / f"two_on_one_{poses}.mcap", two_lidars(two, poses, topic="/points"), two, CompressionType.ZSTD)
+    mcap(folder / "two_on_one_apart.mcap", two_lidars(two, is_beside=False, topic="/points"), two, CompressionType.NONE)
     mcap(folder / "shares.mcap", two.messages("shares"), two, CompressionType.NONE)
     on_a_rack = [(topic, time, two.mounting("rack") if topic == "/tf_static" else message) for topic, time, message in two.messages(poses="tf")]
     mcap(folder / "apart.mcap", on_a_rack, two, CompressionType.NONE)
