@@ -37,3 +37,11 @@ fn deskew(cloud: &Cloud, motion: &Motion, out: &mut Vec<[f32; 3]>) -> bool {
     out.extend(returns.map(|(p, t)| poses[(((t - begin) * per_second) as usize).min(STEPS - 1)].apply(*p)));
     true
 }
+
+/// First and last time of a cloud's points, seconds after its stamp; `None` if they have none or are simultaneous.
+pub(crate) fn sweep_span(cloud: &Cloud) -> Option<[f64; 2]> {
+    let times = cloud.time.as_ref().filter(|times| times.len() == cloud.len())?;
+    let finite = times.iter().copied().filter(|t| t.is_finite());
+    let (begin, end) = finite.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), t| (low.min(t), high.max(t)));
+    (begin < end).then(|| [begin, end].map(f64::from))
+}

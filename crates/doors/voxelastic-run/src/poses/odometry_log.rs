@@ -24,6 +24,7 @@ pub struct OdometryLog {
     /// Scans until a degenerate one is a new stretch.
     degenerate_before: usize,
     path_m: f64,
+    drift: Option<OdometryDrift>,
     /// Pose and piece of the last scan that was registered.
     last: Option<(StoredPose, usize)>,
     cpu_ms: Vec<f64>,
@@ -34,6 +35,22 @@ pub struct OdometryLog {
     spread_m: Vec<f64>,
     iterations: Vec<f64>,
     registrations: RegistrationLog,
+}
+
+/// How wrong the last pose can have become since the first of its piece, without closures: standard deviations, as the odometry estimates them.
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+pub struct OdometryDrift {
+    /// Of the position, metres: the root of the sum of the three variances.
+    pub position_m: f64,
+    /// Of the largest component of the rotation, degrees.
+    pub rotation_deg: f64,
+}
+
+impl OdometryDrift {
+    fn of(report: &OdometryReport) -> Self {
+        let variance = |k: usize| report.covariance[(k, k)];
+        Self { position_m: (0..3).map(variance).sum::<f64>().sqrt(), rotation_deg: (3..6).map(variance).fold(0.0, f64::max).sqrt().to_degrees() }
+    }
 }
 
 /// Figures of the odometry, as JSON has them.
@@ -55,6 +72,8 @@ pub struct OdometrySummary {
     pub level: &'static str,
     /// Length of the trajectory, metres.
     pub path_m: f64,
+    /// How wrong the last pose can be; `null` if no scan was registered to another.
+    pub drift: Option<OdometryDrift>,
     /// Processor time of a scan, without reading and decoding, milliseconds; `null` where the system does not report it.
     pub cpu_ms: SeriesStats,
     /// Wall time of a scan by phase (`prepare`, `register`, `update`), milliseconds.
@@ -116,6 +135,7 @@ impl OdometryLog {
                 if let Some((last, _)) = self.last.replace((pose, report.piece)).filter(|(_, piece)| *piece == report.piece) {
                     self.path_m += last.0.translation_distance(&pose.0);
                 }
+                self.drift = Some(OdometryDrift::of(report));
                 self.degenerate += usize::from(matches!(report.status, Status::Degenerate { .. }));
                 self.prepare_ms.push(milliseconds(report.times.prepare));
                 self.register_ms.push(milliseconds(report.times.register));
@@ -146,6 +166,7 @@ impl OdometryLog {
             alternates: self.alternates,
             level: level_key(self.level),
             path_m: self.path_m,
+            drift: self.drift,
             cpu_ms: SeriesStats::new(&self.cpu_ms),
             phases_ms: phases.into_iter().map(|(name, times)| (name, SeriesStats::new(times))).collect(),
             overlap: SeriesStats::new(&self.overlap),
@@ -162,7 +183,10 @@ impl OdometrySummary {
         let failed: usize = self.failed.values().sum();
         let failures = if failed > 0 { format!(", {failed} scans not registered") } else { String::new() };
         let pieces = if self.pieces > 1 { format!(", in {} pieces", self.pieces) } else { String::new() };
-        tracing::info!("odometry: {} scans, {:.1} m{pieces}{failures}", self.registered_of, self.path_m);
+        let drift = self.drift.map_or(String::new(), |d| {
+            format!(", about {:.2} m and {:.2} degrees (one sigma) off at the end, without closures", d.position_m, d.rotation_deg)
+        });
+        tracing::info!("odometry: {} scans, {:.1} m{drift}{pieces}{failures}", self.registered_of, self.path_m);
         tracing::info!(
             "map frame: {}",
             match self.level {

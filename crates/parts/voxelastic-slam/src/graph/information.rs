@@ -2,6 +2,7 @@
 
 use crate::SlamError;
 use nalgebra::Matrix6;
+use voxelastic::Pose;
 use voxelastic::event::Edge;
 
 /// Information (x y z roll pitch yaw, diagonal) of an edge `length` metres long that comes without: 2 cm and 1 % of the length, 0.2 degrees.
@@ -20,6 +21,16 @@ pub(crate) fn upper_triangle(matrix: &Matrix6<f64>) -> [f64; 21] {
 /// The symmetric matrix of such a triangle.
 pub(crate) fn symmetric(upper: &[f64; 21]) -> Matrix6<f64> {
     Matrix6::from_fn(|i, j| upper[place(i.min(j), i.max(j))])
+}
+
+/// Moves a small motion (x y z roll pitch yaw) from the frame of the pose to that in which it is.
+pub(crate) fn adjoint(pose: &Pose) -> Matrix6<f64> {
+    let rotation = *pose.rotation.to_rotation_matrix().matrix();
+    let mut adjoint = Matrix6::zeros();
+    adjoint.fixed_view_mut::<3, 3>(0, 0).copy_from(&rotation);
+    adjoint.fixed_view_mut::<3, 3>(3, 3).copy_from(&rotation);
+    adjoint.fixed_view_mut::<3, 3>(0, 3).copy_from(&(pose.translation.vector.cross_matrix() * rotation));
+    adjoint
 }
 
 /// The information of an edge as the solvers order it, rotation first, and whether it was used whole. Public graphs (`cubicle`) have edges whose

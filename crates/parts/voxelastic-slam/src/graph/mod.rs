@@ -30,7 +30,7 @@ pub(crate) use between::Between;
 pub(crate) use block_cholesky::{Structure, System};
 pub use incremental::Correction;
 pub use information::default_information;
-pub(crate) use information::{symmetric, upper_triangle, usable_information};
+pub(crate) use information::{adjoint, symmetric, upper_triangle, usable_information};
 pub(crate) use lie::{exp, log, renormalised};
 pub use live::LiveOptimiser;
 pub use position::{MeasuredPosition, Positioned, largest_bend, optimise_with_positions};

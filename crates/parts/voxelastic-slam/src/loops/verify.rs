@@ -4,7 +4,7 @@ use super::align::{align, settings};
 use super::overlap::Guess;
 use super::place::{Place, free_voxel, levels, surfels};
 use crate::free_space::contradiction;
-use crate::graph::upper_triangle;
+use crate::graph::{adjoint, upper_triangle};
 use crate::registration::{Registration, register};
 use nalgebra::Matrix6;
 use serde::{Deserialize, Serialize};
@@ -77,11 +77,7 @@ pub(crate) fn fit(first: &Place, second: &Place, guess: &Guess, voxel: f64, leas
 
 /// Information of a pose, for another frame on the same body that has this pose in the first.
 fn moved(information: &Matrix6<f64>, t_first_second: &Pose) -> Matrix6<f64> {
-    let rotation = *t_first_second.rotation.to_rotation_matrix().matrix();
-    let mut adjoint = Matrix6::zeros();
-    adjoint.fixed_view_mut::<3, 3>(0, 0).copy_from(&rotation);
-    adjoint.fixed_view_mut::<3, 3>(3, 3).copy_from(&rotation);
-    adjoint.fixed_view_mut::<3, 3>(0, 3).copy_from(&(t_first_second.translation.vector.cross_matrix() * rotation));
+    let adjoint = adjoint(t_first_second);
     adjoint.transpose() * information * adjoint
 }
 

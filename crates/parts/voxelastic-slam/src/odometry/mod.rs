@@ -30,6 +30,7 @@
 //! ```
 
 mod alternation;
+mod drift;
 mod find;
 mod inertial;
 mod level;
@@ -41,6 +42,7 @@ mod state;
 mod tracker;
 mod vertical;
 
+pub use drift::covariance_between;
 pub use level::Level;
 pub use report::{Failure, OdometryReport, PhaseTimes, Status};
 pub use settings::OdometrySettings;

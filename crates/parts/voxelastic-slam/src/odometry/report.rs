@@ -1,16 +1,14 @@
 //! What the odometry says about a scan.
 
+use super::drift::registration_covariance;
 use super::level::Level;
 use super::vertical::MeasuredVertical;
 use crate::graph::{default_information, upper_triangle};
-use nalgebra::{Matrix6, SymmetricEigen, Vector6};
+use nalgebra::{Matrix6, Vector6};
 use std::fmt::{self, Display};
 use std::time::Duration;
 use voxelastic::geometry::Pose;
 use voxelastic::motion::Motion;
-
-/// Less information than this in a direction is none, inverse square metres and radians.
-const LEAST_INFORMATION: f64 = 1e-2;
 
 /// The outcome for one scan.
 #[derive(Clone, Debug)]
@@ -24,6 +22,11 @@ pub struct OdometryReport {
     /// Information of the pose in the lidar frame (x y z roll pitch yaw), inverse square metres and radians; zero if it was not registered.
     /// It follows from how the distances of pieces of surface scatter, and says how well the scan lies on the local map, not how far that has drifted.
     pub information: Matrix6<f64>,
+    /// What this scan adds to the errors of those before, as a covariance in the lidar frame (x y z roll pitch yaw), square metres and radians; zero if it was not registered.
+    /// [`covariance_between`](super::covariance_between) sums it up.
+    pub growth: Matrix6<f64>,
+    /// Covariance of the pose in the frame of the first scan of the piece: of the error in the lidar frame, as `growth`. Zero if it was not registered.
+    pub covariance: Matrix6<f64>,
     /// Whether the pose can be used.
     pub status: Status,
     /// Number of the piece of the trajectory. No odometry edge leads from one piece to another.
@@ -54,15 +57,36 @@ pub struct OdometryReport {
 }
 
 impl OdometryReport {
+    /// About a scan that was not registered: its pose is a prediction.
+    pub(super) fn failed(failure: Failure, t_map_lidar: Pose, piece: usize, level: Level, times: PhaseTimes) -> Self {
+        Self {
+            t_map_lidar,
+            motion: None,
+            information: Matrix6::zeros(),
+            growth: Matrix6::zeros(),
+            covariance: Matrix6::zeros(),
+            status: Status::Failed(failure),
+            piece,
+            is_keyframe: false,
+            overlap: 0.0,
+            score: 0.0,
+            contradiction: None,
+            level,
+            vertical: None,
+            alternates: false,
+            gap: None,
+            spread: 0.0,
+            iterations: 0,
+            times,
+        }
+    }
+
     /// Information of an odometry edge that ends at this scan and is `length` metres long, as a pose graph takes it: upper triangle row by row. Its covariance
     /// is that of the registration, which is large where the surfaces hold nothing, and that of an edge about which nothing is known: odometry drifts by
     /// more than single registrations say.
     pub fn edge_information(&self, length: f64) -> [f64; 21] {
         let drift = Matrix6::from_diagonal(&Vector6::from(default_information(length).map(f64::recip)));
-        let eigen = SymmetricEigen::new(self.information);
-        let variances = eigen.eigenvalues.map(|value| 1.0 / value.max(LEAST_INFORMATION));
-        let registration = eigen.eigenvectors * Matrix6::from_diagonal(&variances) * eigen.eigenvectors.transpose();
-        let information = (drift + registration).cholesky().map_or_else(Matrix6::zeros, |whole| whole.inverse());
+        let information = (drift + registration_covariance(&self.information)).cholesky().map_or_else(Matrix6::zeros, |whole| whole.inverse());
         upper_triangle(&information)
     }
 }

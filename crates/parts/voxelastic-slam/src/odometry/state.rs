@@ -1,6 +1,7 @@
 //! What an odometry knows between two scans, so that another process can go on where this one is.
 
 use super::alternation::Alternation;
+use super::drift::Drift;
 use super::level::Level;
 use super::prediction::Predictor;
 use super::recent::RecentScans;
@@ -21,6 +22,7 @@ pub struct OdometryState {
     map_from_voxels: [f64; 4],
     predictor: Predictor,
     last: Option<Last>,
+    drift: Drift,
     piece: usize,
     scans: usize,
     failures: usize,
@@ -41,6 +43,7 @@ impl Odometry {
             map_from_voxels: self.map_from_voxels.coords.into(),
             predictor: self.predictor.clone(),
             last: self.last,
+            drift: self.drift.clone(),
             piece: self.piece,
             scans: self.scans,
             failures: self.failures,
@@ -65,6 +68,7 @@ impl Odometry {
             map_from_voxels,
             predictor,
             last,
+            drift,
             piece,
             scans,
             failures,
@@ -82,6 +86,7 @@ impl Odometry {
             map_from_voxels,
             predictor,
             last,
+            drift,
             piece,
             scans,
             failures,

@@ -1,6 +1,7 @@
 //! The odometry: scans in, poses out.
 
 use super::alternation::Alternation;
+use super::drift::{self, Drift};
 use super::find::{self, Found, Surroundings};
 use super::level::{self, Level};
 use super::prediction::Predictor;
@@ -8,9 +9,9 @@ use super::recent::RecentScans;
 use super::report::{Failure, OdometryReport, PhaseTimes, Status};
 use super::settings::OdometrySettings;
 use super::vertical::{Interval, MeasuredVertical, VerticalEstimator};
-use crate::deskew::returns;
+use crate::deskew::{returns, sweep_span};
 use crate::registration::{Downsampler, LocalMap, RegistrationSettings, Surfel, automatic_voxel_size, mean_radius};
-use nalgebra::{Matrix6, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Translation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 use std::time::Instant;
 use voxelastic::Cloud;
@@ -38,6 +39,7 @@ pub struct Odometry {
     pub(super) map_from_voxels: UnitQuaternion<f64>,
     pub(super) predictor: Predictor,
     pub(super) last: Option<Last>,
+    pub(super) drift: Drift,
     pub(super) piece: usize,
     pub(super) scans: usize,
     pub(super) failures: usize,
@@ -62,6 +64,8 @@ pub(super) struct Last {
     time: Option<f64>,
     #[serde(with = "voxelastic::geometry::stored")]
     keyframe: Pose,
+    /// Path so far, metres.
+    path: f64,
 }
 
 /// Memory that is used again for each scan.
@@ -85,6 +89,7 @@ impl Odometry {
             map_from_voxels: UnitQuaternion::identity(),
             predictor: Predictor::new(),
             last: None,
+            drift: Drift::new(Pose::identity()),
             piece: 0,
             scans: 0,
             failures: 0,
@@ -150,12 +155,20 @@ impl Odometry {
         let clock = Instant::now();
         let vertical = self.accept(&last, &prediction, &found, time, seconds);
         let is_keyframe = self.is_keyframe(&last, &found.t_map_lidar);
+        let at = [
+            self.last.map_or(0.0, |last| last.path),
+            drift::age(&self.scratch.surfels, &(self.map_from_voxels.inverse() * found.t_map_lidar), &self.levels[0]),
+        ];
+        let moved = last.t_map_lidar.inv_mul(&found.t_map_lidar);
+        let [growth, covariance] = self.drift.add(&moved, &found.t_map_lidar, at, &information);
         self.insert(&found.t_map_lidar);
         times.update = clock.elapsed();
         OdometryReport {
             t_map_lidar: found.t_map_lidar,
             motion,
             information,
+            growth,
+            covariance,
             status: match registration.degenerate.len() {
                 0 => Status::Tracked,
                 directions => Status::Degenerate { directions },
@@ -245,7 +258,9 @@ impl Odometry {
         let moved = renormalised(last.t_map_lidar.inv_mul(&found.t_map_lidar));
         self.alternation.add(&moved);
         self.predictor.set_motion(moved, seconds);
-        self.last = Some(Last { t_map_lidar: found.t_map_lidar, time, keyframe: last.keyframe });
+        let path = last.path + moved.translation.vector.norm();
+        self.last = Some(Last { t_map_lidar: found.t_map_lidar, time, keyframe: last.keyframe, path });
+        self.levels.iter_mut().for_each(|level| level.set_path(path));
         let (from, to) = last.time.zip(time)?;
         let inertial = &mut self.predictor.inertial;
         let impulse = inertial.impulse(&last.t_map_lidar, from, to);
@@ -299,7 +314,8 @@ impl Odometry {
         self.predictor.restart();
         let t_map_lidar = self.levelled(t_map_lidar, time, span);
         self.insert(&t_map_lidar);
-        self.last = Some(Last { t_map_lidar, time: time.filter(|t| t.is_finite()), keyframe: t_map_lidar });
+        self.drift = Drift::new(t_map_lidar);
+        self.last = Some(Last { t_map_lidar, time: time.filter(|t| t.is_finite()), keyframe: t_map_lidar, path: 0.0 });
         (self.failures, self.score) = (0, 0.0);
         (self.usual_returns, self.alternation) = (self.scratch.points.len() as f64, Alternation::default());
         times.update = clock.elapsed();
@@ -353,33 +369,8 @@ impl Odometry {
     }
 
     fn failed(&self, failure: Failure, t_map_lidar: Pose, times: PhaseTimes) -> OdometryReport {
-        OdometryReport {
-            t_map_lidar,
-            motion: None,
-            information: Matrix6::zeros(),
-            status: Status::Failed(failure),
-            piece: self.piece,
-            is_keyframe: false,
-            overlap: 0.0,
-            score: 0.0,
-            contradiction: None,
-            level: self.level,
-            vertical: None,
-            alternates: false,
-            gap: None,
-            spread: 0.0,
-            iterations: 0,
-            times,
-        }
+        OdometryReport::failed(failure, t_map_lidar, self.piece, self.level, times)
     }
-}
-
-/// First and last time of a cloud's points, seconds after its stamp; `None` if they have none or are simultaneous.
-fn sweep_span(cloud: &Cloud) -> Option<[f64; 2]> {
-    let times = cloud.time.as_ref().filter(|times| times.len() == cloud.len())?;
-    let finite = times.iter().copied().filter(|t| t.is_finite());
-    let (begin, end) = finite.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), t| (low.min(t), high.max(t)));
-    (begin < end).then(|| [begin, end].map(f64::from))
 }
 
 /// Products of many rotations drift off unit length.

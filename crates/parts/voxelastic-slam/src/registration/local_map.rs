@@ -26,6 +26,8 @@ struct Moments {
     count: f32,
     /// Number of points when the surface was last computed.
     computed: f32,
+    /// Path of the sensor when the first point came, metres.
+    born: f32,
     sum: [f32; 3],
     squares: [f32; 6],
 }
@@ -63,6 +65,8 @@ pub(crate) struct Surfel {
 #[serde(from = "StoredMap", into = "StoredMap")]
 pub(crate) struct LocalMap {
     size: f64,
+    /// Path of the sensor so far, metres.
+    path: f32,
     index: BlockIndex,
     moments: Vec<Moments>,
     surfaces: Vec<Surface>,
@@ -73,19 +77,20 @@ pub(crate) struct LocalMap {
 #[derive(Serialize, Deserialize)]
 struct StoredMap {
     size: f64,
+    path: f32,
     moments: Vec<Moments>,
 }
 
 impl From<LocalMap> for StoredMap {
     fn from(map: LocalMap) -> Self {
-        Self { size: map.size, moments: map.moments }
+        Self { size: map.size, path: map.path, moments: map.moments }
     }
 }
 
 impl From<StoredMap> for LocalMap {
-    fn from(StoredMap { size, moments }: StoredMap) -> Self {
+    fn from(StoredMap { size, path, moments }: StoredMap) -> Self {
         let surfaces = moments.iter().map(|m| surface(m, size)).collect();
-        let mut map = Self { moments, surfaces, ..Self::new(size) };
+        let mut map = Self { path, moments, surfaces, ..Self::new(size) };
         map.make_index();
         map
     }
@@ -94,7 +99,7 @@ impl From<StoredMap> for LocalMap {
 impl LocalMap {
     /// An empty map of voxels of edge `size`, metres.
     pub(crate) fn new(size: f64) -> Self {
-        Self { size, index: BlockIndex::default(), moments: Vec::new(), surfaces: Vec::new(), changed: Vec::new() }
+        Self { size, path: 0.0, index: BlockIndex::default(), moments: Vec::new(), surfaces: Vec::new(), changed: Vec::new() }
     }
 
     /// Removes all voxels and keeps the memory.
@@ -118,6 +123,17 @@ impl LocalMap {
         self.size
     }
 
+    /// Notes how far the sensor has moved so far, metres: points that are added from now on are seen from there.
+    pub(crate) fn set_path(&mut self, path: f64) {
+        self.path = path as f32;
+    }
+
+    /// How far the sensor has moved since the surface at a point was first seen, metres.
+    pub(crate) fn age_at(&self, p: [f64; 3]) -> Option<f64> {
+        let position = self.index.get(p.map(|v| floor(v / self.size)))? as usize;
+        (self.surfaces[position].weight > 0.0).then(|| f64::from(self.path - self.moments[position].born))
+    }
+
     /// Adds points in the map frame.
     pub(crate) fn insert(&mut self, points: impl Iterator<Item = [f64; 3]>) {
         self.changed.clear();
@@ -127,7 +143,7 @@ impl LocalMap {
             let coordinates = scaled.map(floor);
             let (position, is_new) = self.index.get_or_insert(coordinates, self.moments.len() as u32);
             if is_new {
-                self.moments.push(Moments { coordinates, count: 0.0, computed: 0.0, sum: [0.0; 3], squares: [0.0; 6] });
+                self.moments.push(Moments { coordinates, count: 0.0, computed: 0.0, born: self.path, sum: [0.0; 3], squares: [0.0; 6] });
                 self.surfaces.push(Surface::NONE);
             }
             let moments = &mut self.moments[position as usize];

@@ -3,6 +3,7 @@
 #![allow(clippy::print_stdout)]
 
 mod common;
+mod drift;
 mod graphs;
 mod loops;
 mod lost;
