@@ -42,15 +42,13 @@ use path::PathState;
 use sinks::Sinks;
 use std::time::{Duration, Instant};
 use surface::SurfaceTiles;
-pub use topics::{Output, profiles};
+pub use topics::{MAP_FRAME, Output, profiles};
 use voxelastic::atlas::Atlas;
 use voxelastic::event::NodeId;
 use voxelastic::settings::Dynamic;
 use voxelastic::{Mapper, Pose};
 use voxelastic_io::bag::live::LiveFrames;
 
-/// The frame of the map.
-pub const MAP_FRAME: &str = "map";
 /// Paths and figures are published at most this often.
 const PERIOD: Duration = Duration::from_secs(1);
 /// The transform is published at least this often.

@@ -1,8 +1,7 @@
 //! Where messages go: each topic to all networks.
 
-use super::MAP_FRAME;
 use super::grid::GridNews;
-use super::topics::Output;
+use super::topics::{MAP_FRAME, Output};
 use crate::ros::messages::{self, Header};
 use crate::ros::middleware::Sink;
 use std::cell::OnceCell;

@@ -3,6 +3,9 @@
 use crate::ros::middleware::{Delivery, TopicProfile};
 use crate::ros::names::Names;
 
+/// The frame of the map.
+pub const MAP_FRAME: &str = "map";
+
 /// A topic that is published.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Output {
