@@ -35,7 +35,7 @@ TYPES = {
     "points": "sensor_msgs::msg::dds_::PointCloud2_/RIHS01_9198cabf7da3796ae6fe19c4cb3bdd3525492988c70522628af5daa124bae2b5",
     "odom": "nav_msgs::msg::dds_::Odometry_/RIHS01_3cc97dc7fb7502f8714462c526d369e35b603cfc34d946e3f2eda2766dfec6e0",
 }
-LISTENED = ["tf", "diagnostics"] + ["voxelastic/" + name for name in ("surface", "surface_points", "octomap", "grid", "path", "submaps")]
+LISTENED = ["tf", "diagnostics"] + ["voxelastic/" + name for name in ("surface", "surface_points", "octomap", "grid", "grid_updates", "path", "submaps")]
 
 
 def free_port():

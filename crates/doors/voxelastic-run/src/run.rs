@@ -4,6 +4,7 @@ mod begin;
 mod complete;
 mod follow;
 mod following;
+mod localise;
 mod save;
 
 pub use begin::Plan;

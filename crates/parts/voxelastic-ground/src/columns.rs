@@ -4,10 +4,10 @@ use crate::GroundError;
 use crate::cells::Cells;
 use crate::column::Span;
 use rayon::prelude::*;
-use voxelastic::query::{AtlasQuery, Cube, Resampling};
+use voxelastic::query::Cube;
 
 /// Most cells of a grid.
-const MOST_CELLS: usize = 400_000_000;
+pub(crate) const MOST_CELLS: usize = 400_000_000;
 /// No span.
 const NONE: u32 = u32::MAX;
 
@@ -31,33 +31,53 @@ struct Run {
     occupied: bool,
 }
 
-impl Columns {
-    /// The columns of all that was observed, for cells of `resolution` metres.
-    ///
-    /// # Errors
-    /// [`GroundError::NoOccupancy`]; [`GroundError::Resolution`]; [`GroundError::TooLarge`] for a grid of more than 400 million cells, or 65,535 voxels high.
-    pub fn of(query: &AtlasQuery<'_>, resolution: f64) -> Result<Self, GroundError> {
-        if query.is_empty() {
-            return Err(GroundError::NoOccupancy);
-        }
-        let finest = query.voxel_size();
+/// How the cells of a grid lie over voxels.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Lattice {
+    /// Edge of a cell, metres.
+    pub resolution: f64,
+    /// Voxels side by side in a cell.
+    pub side: usize,
+    /// Their edge, metres.
+    pub cube: f64,
+}
+
+impl Lattice {
+    pub fn new(resolution: f64, finest: f64) -> Result<Self, GroundError> {
         if !(0.5 * finest..=100.0 * finest).contains(&resolution) {
             return Err(GroundError::Resolution { resolution, finest });
         }
-        // Voxels side by side in a cell.
         let side = ((resolution / finest - 1e-3).ceil() as usize).max(1);
-        let cube = resolution / side as f64;
-        let cubes = query.resample(&Resampling { voxel: cube, states_only: true });
-        let Some(bounds) = Bounds::of(&cubes) else { return Err(GroundError::NoOccupancy) };
-        let cells = bounds.cells(resolution, side as i32);
-        let high = bounds.high[2] - bounds.low[2];
-        if cells.count() > MOST_CELLS / (side * side) || high > i32::from(u16::MAX) {
-            return Err(GroundError::TooLarge { size: cells.size, high: high as usize });
+        Ok(Self { resolution, side, cube: resolution / side as f64 })
+    }
+}
+
+impl Columns {
+    /// The columns of a part of the grid, `size` cells from `low` along x and y, of all cubes that are in it.
+    pub(crate) fn of_part(cubes: Vec<Cube>, lattice: &Lattice, (low, size): ([i32; 2], usize), bounds: &Bounds) -> Result<Self, GroundError> {
+        let (side, high) = (lattice.side, bounds.high[2] - bounds.low[2]);
+        if high > i32::from(u16::MAX) {
+            return Err(GroundError::TooLarge { size: [size; 2], high: high as usize });
         }
-        let fine = Cells { edge: cube, low: cells.low.map(|c| c * side as i32), size: cells.size.map(|n| n * side) };
+        let fine = Cells { edge: lattice.cube, low: low.map(|c| c * side as i32), size: [size * side; 2] };
         let (starts, runs) = stack(cubes, &fine, bounds.low[2]);
-        let columns = Self { cells: fine, cube, lowest: bounds.low[2], starts, runs };
+        let columns = Self { cells: fine, cube: lattice.cube, lowest: bounds.low[2], starts, runs };
+        let cells = Cells { edge: lattice.resolution, low, size: [size; 2] };
         Ok(if side > 1 { columns.joined(cells, side) } else { Self { cells, ..columns } })
+    }
+
+    /// Columns of no cell yet.
+    pub(crate) fn empty(cells: Cells, cube: f64, lowest: i32) -> Self {
+        Self { cells, cube, lowest, starts: vec![0], runs: Vec::new() }
+    }
+
+    /// Adds the next cell, as it is in a part.
+    pub(crate) fn push(&mut self, cell: Option<(&Self, usize)>) {
+        if let Some((part, cell)) = cell {
+            let up = (part.lowest - self.lowest) as u16;
+            self.runs.extend(part.of_cell(cell).iter().map(|run| Run { low: run.low + up, high: run.high + up, ..*run }));
+        }
+        self.starts.push(self.runs.len() as u32);
     }
 
     /// The grid.
@@ -134,9 +154,10 @@ fn join(parts: &[&[Run]]) -> Vec<Run> {
 }
 
 /// The box around cubes, in multiples of their edge from zero.
-struct Bounds {
-    low: [i32; 3],
-    high: [i32; 3],
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Bounds {
+    pub low: [i32; 3],
+    pub high: [i32; 3],
 }
 
 /// [`Cube::corner`] of a cube at the origin.
@@ -147,7 +168,7 @@ fn corner(cube: &Cube) -> [i32; 3] {
 }
 
 impl Bounds {
-    fn of(cubes: &[Cube]) -> Option<Self> {
+    pub fn of(cubes: &[Cube]) -> Option<Self> {
         let mut bounds = Self { low: [i32::MAX; 3], high: [i32::MIN; 3] };
         for cube in cubes {
             for (k, low) in corner(cube).into_iter().enumerate() {
@@ -158,8 +179,13 @@ impl Bounds {
         (!cubes.is_empty()).then_some(bounds)
     }
 
+    /// The box around this and another.
+    pub fn with(self, other: &Self) -> Self {
+        Self { low: [0, 1, 2].map(|k| self.low[k].min(other.low[k])), high: [0, 1, 2].map(|k| self.high[k].max(other.high[k])) }
+    }
+
     /// The cells of `side` cubes around it.
-    fn cells(&self, edge: f64, side: i32) -> Cells {
+    pub fn cells(&self, edge: f64, side: i32) -> Cells {
         let low = [0, 1].map(|k| self.low[k].div_euclid(side));
         let size = [0, 1].map(|k| ((self.high[k] - 1).div_euclid(side) - low[k] + 1) as usize);
         Cells { edge, low, size }

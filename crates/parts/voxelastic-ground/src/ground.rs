@@ -5,12 +5,12 @@ use crate::connections::{Connection, connections};
 use crate::floor_cell::Known;
 use crate::follow::{levels_below, reached};
 use crate::grid::Grid;
-use crate::levels::Levels;
 use crate::storey::Storey;
 use crate::storeys::storeys;
+use crate::tiles::{GroundTiles, TilesCopy};
 use crate::{Body, GroundError};
-use voxelastic::atlas::{Atlas, Submap, SubmapScan};
-use voxelastic::query::DistanceQuery;
+use std::time::Duration;
+use voxelastic::atlas::Atlas;
 
 /// The ground of a map.
 #[derive(Clone, Debug)]
@@ -27,13 +27,28 @@ impl Ground {
     /// Heights are those of surfaces where the map has them, and else the middle of voxels.
     ///
     /// # Errors
-    /// As [`Columns::of`]; [`GroundError::Robot`]; [`GroundError::NoFloor`].
+    /// [`GroundError::NoOccupancy`]; [`GroundError::Resolution`]; [`GroundError::TooLarge`] for a grid of more than 400 million cells, or 65,535 voxels high; [`GroundError::Robot`];
+    /// [`GroundError::NoFloor`].
     pub fn of(atlas: &Atlas, resolution: f64, body: &Body) -> Result<Self, GroundError> {
         body.check()?;
-        let columns = Columns::of(&atlas.query(), resolution)?;
-        let levels = Levels::of(&columns, &DistanceQuery::new(atlas));
+        if atlas.query().is_empty() {
+            return Err(GroundError::NoOccupancy);
+        }
+        let mut tiles = GroundTiles::new(resolution, atlas.query().voxel_size())?;
+        tiles.note(atlas)?;
+        tiles.make(atlas, [0.0; 2], Duration::MAX)?;
+        Self::of_tiles(tiles.into_copy(atlas), body)
+    }
+
+    /// The same of tiles that were made before.
+    ///
+    /// # Errors
+    /// [`GroundError::NoOccupancy`] if nothing is known in the tiles; [`GroundError::TooLarge`]; [`GroundError::Robot`]; [`GroundError::NoFloor`].
+    pub fn of_tiles(tiles: TilesCopy, body: &Body) -> Result<Self, GroundError> {
+        body.check()?;
+        let places = tiles.places.clone();
+        let (columns, levels) = tiles.joined()?;
         let cells = *columns.cells();
-        let places = scan_places(atlas);
         let seeds: Vec<usize> = levels_below(&levels, &cells, &places).into_iter().flatten().collect();
         if seeds.is_empty() {
             return Err(GroundError::NoFloor { scans: places.len() });
@@ -78,10 +93,4 @@ impl Ground {
         let depths = self.storeys.iter().enumerate().filter_map(|(k, storey)| Some((depth(storey)?, k)));
         depths.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, k)| k)
     }
-}
-
-/// Where the scans were taken, map frame.
-fn scan_places(atlas: &Atlas) -> Vec<[f64; 3]> {
-    let place = |submap: &Submap, scan: &SubmapScan| (submap.t_map_submap() * scan.t_submap_lidar).translation.vector.into();
-    atlas.submaps().iter().flat_map(|submap| submap.scans().iter().map(move |scan| place(submap, scan))).collect()
 }

@@ -38,23 +38,22 @@ pub struct Levels {
 }
 
 impl Levels {
-    /// The levels of `columns`, with their heights from the distance field where there is one.
-    pub fn of(columns: &Columns, surfaces: &DistanceQuery<'_>) -> Self {
-        let cells = columns.cells();
-        let of_row = |y: usize| -> Vec<(u32, Vec<Level>)> {
-            let row = y * cells.size[0]..(y + 1) * cells.size[0];
-            row.map(|cell| levels_of(columns, cell)).map(|levels| (levels.len() as u32, levels)).collect()
-        };
-        let rows: Vec<Vec<(u32, Vec<Level>)>> = (0..cells.size[1]).into_par_iter().map(of_row).collect();
-        let mut found = Self { starts: vec![0], levels: Vec::new() };
-        for (_, levels) in rows.into_iter().flatten() {
-            found.levels.extend(levels);
-            found.starts.push(found.levels.len() as u32);
-        }
-        if !surfaces.is_empty() {
-            found.refine(columns, surfaces);
-        }
+    /// The levels of `columns`, with heights that are those of voxels.
+    pub(crate) fn rough(columns: &Columns) -> Self {
+        let mut found = Self::empty();
+        (0..columns.cells().count()).for_each(|cell| found.push(&levels_of(columns, cell)));
         found
+    }
+
+    /// Of no cell yet.
+    pub(crate) fn empty() -> Self {
+        Self { starts: vec![0], levels: Vec::new() }
+    }
+
+    /// Adds the next cell.
+    pub(crate) fn push(&mut self, levels: &[Level]) {
+        self.levels.extend(levels);
+        self.starts.push(self.levels.len() as u32);
     }
 
     /// Levels at these heights, under the sky or the next.
@@ -92,35 +91,57 @@ impl Levels {
     }
 
     /// Takes heights from where the distance field changes its sign, the highest place around the top of the voxels.
-    fn refine(&mut self, columns: &Columns, surfaces: &DistanceQuery<'_>) {
-        let voxel = columns.voxel();
+    pub(crate) fn refine(parts: &mut [(&Columns, &mut Self)], surfaces: &DistanceQuery<'_>) {
+        if surfaces.is_empty() {
+            return;
+        }
         let samples = ((ABOVE + BELOW) / STEP) as usize + 1;
-        let cells = self.cells();
-        let lowest: Vec<f64> = cells.par_iter().zip(&self.levels).map(|(cell, level)| carrier_low(columns, *cell as usize, level)).collect();
-        // In parts, so that the points of a large map do not fill the memory.
-        for first in (0..self.levels.len()).step_by(1 << 18) {
-            let part = first..(first + (1 << 18)).min(self.levels.len());
-            let points: Vec<[f32; 3]> = part
-                .clone()
-                .flat_map(|k| {
-                    let ([x, y], top) = (columns.cells().centre(cells[k] as usize), f64::from(self.levels[k].top));
-                    (0..samples).map(move |i| [x, y, top + (ABOVE - STEP * i as f64) * voxel].map(|c| c as f32))
-                })
-                .collect();
+        let mut all: Vec<Carried<'_>> = parts.par_iter_mut().flat_map_iter(|(columns, levels)| levels.carried(columns)).collect();
+        // Some at a time, so that the points of a large map do not fill the memory.
+        for some in all.chunks_mut(1 << 18) {
+            let points: Vec<[f32; 3]> = some.iter().flat_map(|level| (0..samples).map(|i| level.sample(i))).collect();
             let distances = surfaces.sample_distances(&points);
-            self.levels[part.clone()].par_iter_mut().zip(distances.par_chunks(samples)).zip(&lowest[part]).for_each(
-                |((level, distances), lowest)| {
-                    let crossing = distances.windows(2).position(|pair| pair[0] > 0.0 && pair[1] <= 0.0);
-                    let Some(i) = crossing else { return };
-                    let [above, below] = [distances[i], distances[i + 1]];
-                    let at = i as f64 + f64::from(above / (above - below));
-                    let height = f64::from(level.top) + (ABOVE - STEP * at) * voxel;
-                    if height >= lowest - ABOVE * voxel {
-                        level.height = height as f32;
-                        level.sigma = (SURFACE_NOISE * voxel) as f32;
-                    }
-                },
-            );
+            some.par_iter_mut().zip(distances.par_chunks(samples)).for_each(|(level, distances)| level.refine(distances));
+        }
+    }
+
+    fn carried<'a>(&'a mut self, columns: &'a Columns) -> impl Iterator<Item = Carried<'a>> {
+        let cells = self.cells();
+        let carried = |(cell, level): (u32, &'a mut Level)| {
+            let lowest = carrier_low(columns, cell as usize, level);
+            Carried { at: columns.cells().centre(cell as usize), lowest, voxel: columns.voxel(), level }
+        };
+        cells.into_iter().zip(&mut self.levels).map(carried)
+    }
+}
+
+/// A level, and what carries it.
+struct Carried<'a> {
+    /// Centre of its cell, metres.
+    at: [f64; 2],
+    /// Lower end of the voxels that carry it, metres.
+    lowest: f64,
+    /// Their edge, metres.
+    voxel: f64,
+    level: &'a mut Level,
+}
+
+impl Carried<'_> {
+    /// A point at which surfaces are looked for.
+    fn sample(&self, i: usize) -> [f32; 3] {
+        let [x, y] = self.at;
+        [x, y, f64::from(self.level.top) + (ABOVE - STEP * i as f64) * self.voxel].map(|c| c as f32)
+    }
+
+    fn refine(&mut self, distances: &[f32]) {
+        let crossing = distances.windows(2).position(|pair| pair[0] > 0.0 && pair[1] <= 0.0);
+        let Some(i) = crossing else { return };
+        let [above, below] = [distances[i], distances[i + 1]];
+        let at = i as f64 + f64::from(above / (above - below));
+        let height = f64::from(self.level.top) + (ABOVE - STEP * at) * self.voxel;
+        if height >= self.lowest - ABOVE * self.voxel {
+            self.level.height = height as f32;
+            self.level.sigma = (SURFACE_NOISE * self.voxel) as f32;
         }
     }
 }

@@ -2,11 +2,12 @@
 //!
 //! [`Columns`] are what an atlas knows above and below each cell of a grid. [`Levels`] are the surfaces in them on which something could stand. [`Ground`] follows the floor
 //! from below the sensor's way over ramps, kerbs and stairs, and divides it into [`Storey`]s, each with one height at a place. [`Grid`] is the 2-D map of a storey for a
-//! robot ([`Body`]); [`band`] is the rule by which a column becomes a cell of it.
+//! robot ([`Body`]); [`band`] is the rule by which a column becomes a cell of it. Of a map that changes, [`GroundTiles`] keep columns and levels up.
 //!
 //! All lengths are in metres, all points in the map frame, whose z axis points up.
 
 mod cells;
+mod changes;
 mod column;
 mod columns;
 mod connections;
@@ -21,6 +22,7 @@ mod robot;
 mod slope;
 mod storey;
 mod storeys;
+mod tiles;
 
 pub use cells::Cells;
 pub use column::{Span, band};
@@ -34,3 +36,4 @@ pub use levels::{Level, Levels};
 pub use robot::Body;
 pub use slope::Plane;
 pub use storey::Storey;
+pub use tiles::{GroundTiles, TilesCopy};

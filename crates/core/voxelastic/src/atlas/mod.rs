@@ -28,4 +28,4 @@ pub use collection::{Atlas, MergingSubmap};
 pub(crate) use laps::ends_lap;
 pub use laps::laps;
 pub(crate) use node_map::NodeSet;
-pub use submap::{Submap, SubmapId, SubmapScan};
+pub use submap::{Submap, SubmapId, SubmapScan, SurfaceState};

@@ -17,6 +17,13 @@ pub struct SubmapScan {
     pub t_submap_lidar: Pose,
 }
 
+/// A state of the surfaces of a submap.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SurfaceState {
+    revision: u64,
+    clock: u32,
+}
+
 /// A rigid part of the map (paper Sec. IV): fields in the submap frame S, which the root pose places in the map frame M.
 #[derive(Clone, Debug)]
 pub struct Submap {
@@ -130,6 +137,19 @@ impl Submap {
     /// Number of changes of the fields: data derived from them (meshes) is up to date if it was made at the same revision. Not stored.
     pub fn revision(&self) -> u64 {
         self.revision
+    }
+
+    /// Which state its surfaces are in, to be asked later for what has [changed](Self::surface_changes_since) since.
+    pub fn surface_state(&self) -> SurfaceState {
+        SurfaceState { revision: self.revision, clock: self.tsdf.change_log.clock }
+    }
+
+    /// Morton keys of the blocks of the TSDF that scans changed since; none if it was changed by other means, so that any may have.
+    pub fn surface_changes_since(&self, before: SurfaceState) -> Option<impl Iterator<Item = u64>> {
+        let now = self.surface_state();
+        // Each scan counts in both.
+        let is_by_scans = now.revision.wrapping_sub(before.revision) as u32 == now.clock.wrapping_sub(before.clock);
+        (is_by_scans || self.tsdf.is_empty()).then(|| self.tsdf.changed_since(before.clock))
     }
 
     /// Records that the scan of `node`, taken at `t_map_lidar`, is integrated; returns the lidar's pose in the submap frame.

@@ -1,5 +1,6 @@
 //! Arguments that several commands have.
 
+mod body;
 mod corrections;
 pub mod data;
 mod frame;
@@ -9,6 +10,7 @@ mod resume;
 mod save;
 pub mod settings;
 
+pub use body::BodyArgs;
 pub use corrections::CorrectionArgs;
 pub use data::{DataArgs, ReadingArgs};
 pub use frame::AlignArgs;

@@ -120,6 +120,7 @@ pub fn run(args: &LiveArgs, quiet: bool) -> anyhow::Result<u8> {
         return Err(Failure::usage("submaps cannot be rebuilt: the scans of a robot are not kept".to_owned(), remedy).into());
     }
     let mut settings = args.settings.resolve()?;
+    let voxel_size = settings.voxel_size;
     let planner = args.exploring.prepare(&mut settings, args.network.publishes())?;
     let corrections = args.corrections.corrections();
     let setup = Setup {
@@ -139,7 +140,7 @@ pub fn run(args: &LiveArgs, quiet: bool) -> anyhow::Result<u8> {
             resume: args.resume.resume(),
             checkpoints: args.resume.checkpoints,
         }),
-        network: Some(args.network.setup()?),
+        network: Some(args.network.setup(voxel_size)?),
         keep_scans: args.keep_scans.0,
         planner,
         is_stopped: interrupt::requested,

@@ -12,6 +12,10 @@ use voxelastic::Pose;
 use voxelastic::event::Event;
 use voxelastic_io::bag::live::LiveFrames;
 use voxelastic_run::{Mapping, Moment, Observer};
+use voxelastic_slam::loops::Whereabouts;
+
+/// Where somebody says that the robot is, it is within three standard deviations, but not nearer and not farther than this, metres.
+const SAID_WITHIN: [f64; 2] = [2.0, 50.0];
 
 /// A robot's node in a network.
 pub struct OnNetwork {
@@ -138,6 +142,21 @@ impl OnNetwork {
                 Err(format!("the frame {frame} is not connected with the map; the frames are: {}", known.join(", ")))
             }
         }
+    }
+
+    /// About where the lidar is, if the robot's base is at a place whose standard deviation is `sigma`, metres; in words why that is not known.
+    pub fn whereabouts(&self, place: &Place, sigma: f64) -> Result<Whereabouts, String> {
+        let t_map_base = self.in_map(place)?;
+        let mount = self.frames.as_ref().and_then(LiveFrames::base);
+        let (_, t_lidar_base) = mount.ok_or("where the lidar is on the robot is not known yet")?;
+        let t_map_lidar = t_map_base * t_lidar_base.inverse();
+        let x = t_map_lidar.rotation * nalgebra::Vector3::x();
+        let mut position = t_map_lidar.translation.vector;
+        if t_map_base.translation.z == 0.0 {
+            // In two dimensions.
+            position.z = 0.0;
+        }
+        Ok(Whereabouts { position, within: (3.0 * sigma).clamp(SAID_WITHIN[0], SAID_WITHIN[1]), yaw: Some(x.y.atan2(x.x)) })
     }
 
     /// What else publishes what this node publishes, in words.

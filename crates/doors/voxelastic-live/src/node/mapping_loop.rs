@@ -18,6 +18,7 @@ use std::sync::mpsc::Receiver;
 use std::time::{Duration, Instant};
 use voxelastic_io::bag::live::LiveFrames;
 use voxelastic_run::{Code, Input, Mapping, MappingRun};
+use voxelastic_slam::loops::Whereabouts;
 
 /// How often an interrupt is looked for while nothing comes.
 const POLL_INTERVAL: Duration = Duration::from_millis(100);
@@ -178,6 +179,7 @@ impl Node {
                 Request::Grid => self.grid(run),
                 Request::State => Response::State(self.state.unwrap_or(State::Active)),
                 Request::ChangeState(id, label) => Response::Done(self.change_state(*id, label, run, requests)),
+                Request::InitialPose { place, sigma } => self.look_near(place, *sigma, run),
                 Request::Plan { start, goal, .. } => self.plan([start, goal], run),
                 request => requests.service.answer(request, run),
             };
@@ -225,6 +227,24 @@ impl Node {
                 Response::Path(Vec::new())
             }
         }
+    }
+
+    /// Somebody says about where the robot is.
+    fn look_near(&self, place: &Place, sigma: f64, run: &mut MappingRun) -> Response {
+        let about = self.listeners.network.as_ref().ok_or_else(|| "nobody can say here where the robot is".to_owned());
+        let about = about.and_then(|network| network.whereabouts(place, sigma)).and_then(|about| run.look_near(about));
+        Response::Done(match about {
+            Ok(Whereabouts { position, within, .. }) => {
+                let words = format!("scans are looked for within {within:.1} m of ({:.2}, {:.2}, {:.2})", position.x, position.y, position.z);
+                tracing::info!("on request: {words}");
+                Ok(words)
+            }
+            Err(problem) => {
+                let remedy = "it is of use after a map was loaded, or gone on with, until the scans are found in it";
+                run.warnings_mut().add(Code::RequestRefused, format!("initial pose: {problem}"), remedy);
+                Err(problem)
+            }
+        })
     }
 
     /// Drops the map and begins a new one.

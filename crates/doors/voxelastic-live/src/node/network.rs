@@ -2,6 +2,7 @@
 
 use crate::ros::middleware::{Middleware, MiddlewareError, NodeOptions, Parameter};
 use crate::ros::names::Names;
+use crate::ros::output::GridSettings;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use voxelastic::Settings;
@@ -22,6 +23,8 @@ pub struct NetworkSetup {
     pub use_sim_time: bool,
     /// Whether the transform from the map to the odometry is published.
     pub transforms: bool,
+    /// What the 2-D map is made for.
+    pub grid: GridSettings,
     /// Whether it is a managed node: it maps once it is configured and activated.
     pub lifecycle: bool,
     /// Where what is published is served to Foxglove.
@@ -67,7 +70,7 @@ impl Network {
             domain: setup.domain.or(domain).unwrap_or(0),
             local_only: setup.is_local || says("ROS_LOCALHOST_ONLY", "1") || says("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST"),
             for_cyclone: says("RMW_IMPLEMENTATION", "rmw_cyclonedds_cpp"),
-            parameters: parameters(settings, setup.use_sim_time),
+            parameters: parameters(settings, &setup.grid, setup.use_sim_time),
         };
         let is_zenoh = backend == Backend::Zenoh || backend == Backend::Usual && says("RMW_IMPLEMENTATION", "rmw_zenoh_cpp");
         let middleware = open(&options, is_zenoh).map_err(|problem| {
@@ -109,16 +112,17 @@ fn open(_: &NodeOptions, _: bool) -> Result<Box<dyn Middleware>, MiddlewareError
     Err(MiddlewareError::new("cannot join a network", "this program was built without ROS 2"))
 }
 
-/// The settings as parameters, and that which all nodes have.
-fn parameters(settings: &Settings, use_sim_time: bool) -> Vec<(String, Parameter)> {
+/// The settings as parameters, what the 2-D map is made for, and that which all nodes have.
+fn parameters(settings: &Settings, grid: &GridSettings, use_sim_time: bool) -> Vec<(String, Parameter)> {
     let value = |text: String| match (text.parse(), text.parse(), text.parse()) {
         (Ok(value), ..) => Parameter::Bool(value),
         (_, Ok(value), _) => Parameter::Integer(value),
         (_, _, Ok(value)) => Parameter::Number(value),
         _ => Parameter::Text(text),
     };
+    let of_grid = grid.pairs(f64::from(settings.voxel_size)).map(|(key, value)| (key.to_owned(), Parameter::Number(value)));
     let simulated = ("use_sim_time".to_owned(), Parameter::Bool(use_sim_time));
-    settings.pairs().into_iter().map(|(key, text)| (key.to_owned(), value(text))).chain([simulated]).collect()
+    settings.pairs().into_iter().map(|(key, text)| (key.to_owned(), value(text))).chain(of_grid).chain([simulated]).collect()
 }
 
 #[cfg(test)]
@@ -127,10 +131,11 @@ mod tests {
 
     #[test]
     fn settings_are_parameters_of_their_types() {
-        let all = parameters(&Settings::default(), true);
+        let all = parameters(&Settings::default(), &GridSettings::default(), true);
         let of = |key: &str| all.iter().find(|(name, _)| name == key).map(|(_, value)| value.clone());
         assert!(matches!(of("voxel_size"), Some(Parameter::Number(_))) && matches!(of("threads"), Some(Parameter::Integer(0))));
         assert!(matches!(of("field"), Some(Parameter::Text(_))), "{all:?}");
+        assert_eq!((of("grid_resolution"), of("body_height")), (of("voxel_size"), Some(Parameter::Number(1.0))));
         assert_eq!(of("use_sim_time"), Some(Parameter::Bool(true)));
     }
 }

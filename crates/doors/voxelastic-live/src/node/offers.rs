@@ -1,8 +1,11 @@
 //! What a node offers: topics and services, to a network, to Foxglove and to files.
 
 use super::network::{Network, NetworkSetup};
+use crate::ros::initial_pose;
 use crate::ros::managed;
 use crate::ros::middleware::{Handle, MiddlewareError};
+#[cfg(feature = "foxglove")]
+use crate::ros::middleware::{Sink, TopicProfile};
 use crate::ros::names::Names;
 use crate::ros::output::{OutputOptions, Outputs};
 use crate::ros::services::{RequestSender, offer};
@@ -28,8 +31,8 @@ impl Offers {
         if network.is_none() && setup.foxglove.is_none() {
             return Ok(None);
         }
-        let mut offers =
-            Self { outputs: Outputs::new(OutputOptions { explores, transforms: setup.transforms, ..OutputOptions::default() }), held: Vec::new() };
+        let options = OutputOptions { explores, transforms: setup.transforms, grid: setup.grid, ..OutputOptions::default() };
+        let mut offers = Self { outputs: Outputs::new(options), held: Vec::new() };
         if let Some(network) = network {
             let announced = offers.add_network(network, setup.lifecycle, requests);
             announced.map_err(|problem| Error::new(problem.to_string(), "another name of the node may help: --node"))?;
@@ -50,6 +53,7 @@ impl Offers {
         let names = network.names().clone();
         self.outputs.add(network.middleware(), &names)?;
         self.held.extend(offer(network.middleware(), &names, requests)?);
+        self.held.push(initial_pose::listen(network.middleware(), &names, requests)?);
         if is_managed {
             self.held.extend(managed::offer(network.middleware(), &names, requests)?);
         }
@@ -72,9 +76,13 @@ impl Offers {
 
     #[cfg(feature = "foxglove")]
     fn add_recording(&mut self, file: &Path, names: &Names) -> Result<(), MiddlewareError> {
-        use crate::ros::middleware::Sink;
         let recorder = crate::ros::recorder::Recorder::create(file)?;
-        self.outputs.add_sinks(names, |profile| Ok(Box::new(recorder.topic(&profile.name, &profile.kind)?) as Box<dyn Sink>))?;
+        // Players show grids, and few apply what changes in them: each is recorded as a whole.
+        let is_recorded = |profile: &TopicProfile| profile.kind != "map_msgs/msg/OccupancyGridUpdate";
+        self.outputs.add_sinks(names, |profile| {
+            let recorded = is_recorded(profile).then(|| recorder.topic(&profile.name, &profile.kind)).transpose()?;
+            Ok(recorded.map_or_else(|| Box::new(Nobody) as Box<dyn Sink>, |topic| Box::new(topic)))
+        })?;
         tracing::info!("what is published is recorded in {}", file.display());
         self.held.push(Handle::new(recorder));
         Ok(())
@@ -88,6 +96,21 @@ impl Offers {
     #[cfg(not(feature = "foxglove"))]
     fn add_recording(&mut self, _: &Path, _: &Names) -> Result<(), MiddlewareError> {
         Err(without())
+    }
+}
+
+/// Nobody listens to a topic.
+#[cfg(feature = "foxglove")]
+struct Nobody;
+
+#[cfg(feature = "foxglove")]
+impl Sink for Nobody {
+    fn publish(&mut self, _: &[u8]) -> Result<(), MiddlewareError> {
+        Ok(())
+    }
+
+    fn subscribers(&self) -> usize {
+        0
     }
 }
 

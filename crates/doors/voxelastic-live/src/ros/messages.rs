@@ -156,6 +156,28 @@ pub(super) fn write_occupancy_grid<'w>(message: &'w mut MessageWriter, header: H
     message
 }
 
+/// A rectangle of a floor plan.
+#[derive(Clone, Debug)]
+pub struct GridPart<'a> {
+    /// Its first cell, along x and y.
+    pub low: [usize; 2],
+    /// Cells along x.
+    pub width: usize,
+    /// As those of a [`Grid`].
+    pub cells: &'a [i8],
+}
+
+/// `map_msgs/OccupancyGridUpdate`.
+pub fn occupancy_grid_update(header: Header<'_>, part: &GridPart<'_>) -> Vec<u8> {
+    let mut message = MessageWriter::with_capacity(part.cells.len() + 96);
+    message.header(header).i32(part.low[0] as i32).i32(part.low[1] as i32).u32(part.width as u32);
+    message.u32((part.cells.len() / part.width.max(1)) as u32).u32(part.cells.len() as u32);
+    for cell in part.cells {
+        message.u8(*cell as u8);
+    }
+    message.finish()
+}
+
 /// `nav_msgs/Path`: poses with their times, seconds, in the frame of the header.
 pub fn path(header: Header<'_>, poses: &[(f64, Pose)]) -> Vec<u8> {
     let mut message = MessageWriter::with_capacity(poses.len() * 96 + 64);
@@ -222,6 +244,8 @@ from rosbags.typesys import Stores, get_typestore, get_types_from_msg
 store = get_typestore(Stores.ROS2_JAZZY)
 octomap = 'std_msgs/Header header\\nbool binary\\nstring id\\nfloat64 resolution\\nint8[] data\\n'
 store.register(get_types_from_msg(octomap, 'octomap_msgs/msg/Octomap'))
+update = 'std_msgs/Header header\\nint32 x\\nint32 y\\nuint32 width\\nuint32 height\\nint8[] data\\n'
+store.register(get_types_from_msg(update, 'map_msgs/msg/OccupancyGridUpdate'))
 def plain(value):
     if isinstance(value, numpy.ndarray): return value.tolist()
     if isinstance(value, (list, tuple)): return [plain(v) for v in value]
@@ -267,6 +291,7 @@ print(json.dumps(out))
             ("diagnostic_msgs/msg/DiagnosticArray", diagnostics(header, "voxelastic", (Health::Warning, "late"), &[("scans".into(), "12".into())])),
             ("sensor_msgs/msg/PointCloud2", distance_cloud(header, &[[1.0, 2.0, 3.0, 0.25]])),
             ("geometry_msgs/msg/PoseStamped", pose_stamped(header, &pose)),
+            ("map_msgs/msg/OccupancyGridUpdate", occupancy_grid_update(header, &GridPart { low: [7, 9], width: 3, cells: &[0, 100, -1, 0, 0, 100] })),
             (
                 "visualization_msgs/msg/MarkerArray",
                 shape_markers(header, "frontier", &[Shape::cuboid(pose, [4.0, 2.0, 1.0], [1.0, 0.5, 0.0, 0.4]), Shape::arrow(pose, 1.5, [1.0; 4])]),
@@ -288,7 +313,9 @@ print(json.dumps(out))
         assert_eq!((&read[8]["status"][0]["level"], &read[8]["status"][0]["values"][0]["value"]), (&1.into(), &"12".into()));
         assert_eq!((&read[9]["fields"][3]["name"], &read[9]["data"][15], &read[9]["data"][14]), (&"intensity".into(), &0x3e.into(), &0x80.into()));
         assert_eq!((&read[10]["pose"]["position"]["z"], &read[10]["header"]["frame_id"]), (&3.0.into(), &"map".into()));
-        let markers = read[11]["markers"].as_array().unwrap();
+        assert_eq!(["x", "y", "width", "height"].map(|key| read[11][key].as_u64()), [7, 9, 3, 2].map(Some));
+        assert_eq!(read[11]["data"], serde_json::json!([0, 100, -1, 0, 0, 100]));
+        let markers = read[12]["markers"].as_array().unwrap();
         let of = |key: &str| markers.iter().map(|marker| marker[key].as_i64().unwrap()).collect::<Vec<_>>();
         assert_eq!((of("action"), of("type")[1..].to_vec(), of("id")), (vec![3, 0, 0], vec![1, 0], vec![0, 0, 1]));
         assert_eq!(

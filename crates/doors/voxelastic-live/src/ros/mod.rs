@@ -20,6 +20,7 @@ pub mod discovery;
 #[cfg(feature = "foxglove")]
 pub mod foxglove;
 pub mod heard;
+pub mod initial_pose;
 pub mod input;
 #[cfg(feature = "ros2")]
 mod interfaces;

@@ -1,7 +1,7 @@
 //! Requests to the node: what others may ask of it, and what it answers.
 
 use super::lifecycle::State;
-use super::messages::{Grid, Header, write_occupancy_grid, write_path};
+use super::messages::{Grid, Header, occupancy_grid, write_path};
 use super::middleware::{Answer, Handle, Middleware, MiddlewareError};
 use super::names::Names;
 use super::output::MAP_FRAME;
@@ -47,6 +47,13 @@ pub enum Request {
     ReturnHome,
     /// The grid as it is.
     Grid,
+    /// About where the robot is, for scans that are looked for in a map.
+    InitialPose {
+        /// The pose of its base.
+        place: Place,
+        /// Standard deviation of its position, metres: the larger one of x and y; 0 if none was given.
+        sigma: f64,
+    },
     /// The state of a managed node.
     State,
     /// A transition to another state, by its number or its label.
@@ -135,6 +142,13 @@ impl RequestSender {
         self.0.send(Pending { request, answer }).ok()?;
         response.recv_timeout(ANSWER_TIMEOUT).ok()
     }
+
+    /// Asks without waiting for an answer.
+    pub fn tell(&self, request: Request) {
+        let (answer, _) = sync_channel(1);
+        // It may have ended.
+        let _ = self.0.send(Pending { request, answer });
+    }
 }
 
 /// Points that can be asked for at a time: mapping waits meanwhile.
@@ -163,7 +177,11 @@ pub fn offer(middleware: &mut dyn Middleware, names: &Names, requests: &RequestS
         Some(write_path(&mut MessageWriter::new(), Header { stamp: 0.0, frame: MAP_FRAME }, &poses).finish())
     });
     let loading = requests.clone();
-    let load: Answer = Box::new(move |message| Some(loaded(loading.ask(Request::Load(load_request(message)?))?)));
+    let load: Answer = Box::new(move |message| {
+        let response = loading.ask(Request::Load(load_request(message)?))?;
+        let grid = if matches!(response, Response::Loaded(Ok(_))) { loading.ask(Request::Grid) } else { None };
+        Some(loaded(&response, grid))
+    });
     let measuring = requests.clone();
     let distances: Answer = Box::new(move |message| {
         let answer = match distances_request(message)? {
@@ -204,22 +222,24 @@ fn done(response: Response) -> Vec<u8> {
 /// The request of `nav_msgs/GetPlan`.
 fn plan_request(message: &[u8]) -> Option<Request> {
     let mut reader = MessageReader::new(message)?;
-    let mut stamped = || {
-        let stamp = f64::from(reader.u32()?) + 1e-9 * f64::from(reader.u32()?);
-        let frame = reader.text()?;
-        let mut numbers = [0.0; 7];
-        for number in &mut numbers {
-            *number = reader.f64().filter(|v| v.abs() <= LARGEST)?;
-        }
-        let [x, y, z, qx, qy, qz, qw] = numbers;
-        // Whoever does not care about the direction sends zeros.
-        let rotation = UnitQuaternion::try_new(Quaternion::new(qw, qx, qy, qz), 1e-6).unwrap_or_default();
-        let frame = frame.trim_start_matches('/').to_owned();
-        Some(Place { frame, stamp: Some(stamp).filter(|stamp| *stamp > 0.0), pose: Pose::from_parts([x, y, z].into(), rotation) })
-    };
-    let (start, goal) = (stamped()?, stamped()?);
+    let (start, goal) = (place(&mut reader)?, place(&mut reader)?);
     let tolerance = reader.f32().filter(|t| t.is_finite())?.max(0.0);
     Some(Request::Plan { start, goal, tolerance })
+}
+
+/// A header and a pose.
+pub(super) fn place(reader: &mut MessageReader<'_>) -> Option<Place> {
+    let stamp = f64::from(reader.u32()?) + 1e-9 * f64::from(reader.u32()?);
+    let frame = reader.text()?;
+    let mut numbers = [0.0; 7];
+    for number in &mut numbers {
+        *number = reader.f64().filter(|v| v.abs() <= LARGEST)?;
+    }
+    let [x, y, z, qx, qy, qz, qw] = numbers;
+    // Whoever does not care about the direction sends zeros.
+    let rotation = UnitQuaternion::try_new(Quaternion::new(qw, qx, qy, qz), 1e-6).unwrap_or_default();
+    let frame = frame.trim_start_matches('/').to_owned();
+    Some(Place { frame, stamp: Some(stamp).filter(|stamp| *stamp > 0.0), pose: Pose::from_parts([x, y, z].into(), rotation) })
 }
 
 /// The map that a request of `nav_msgs/LoadMap` names: a path, or a URL of a file.
@@ -228,8 +248,8 @@ fn load_request(message: &[u8]) -> Option<PathBuf> {
     Some(PathBuf::from(url.strip_prefix("file://").unwrap_or(&url)))
 }
 
-/// The answer of `nav_msgs/LoadMap`. Its grid is empty: floor plans are published as a topic.
-fn loaded(response: Response) -> Vec<u8> {
+/// The answer of `nav_msgs/LoadMap`: the grid of what was loaded, without cells where there is none, and the result.
+fn loaded(response: &Response, grid: Option<Response>) -> Vec<u8> {
     let result = match response {
         Response::Loaded(Ok(_)) => 0,
         Response::Loaded(Err((NotLoaded::NotThere, _))) => 1,
@@ -237,9 +257,16 @@ fn loaded(response: Response) -> Vec<u8> {
         Response::Loaded(Err((NotLoaded::Differs, _))) => 3,
         _ => 255,
     };
-    let mut message = MessageWriter::new();
-    let grid = Grid { resolution: 0.0, width: 0, origin: [0.0; 3], cells: &[] };
-    write_occupancy_grid(&mut message, Header { stamp: 0.0, frame: MAP_FRAME }, &grid).u8(result).finish()
+    let mut message = match grid {
+        Some(Response::Grid(message)) => message,
+        _ => {
+            let none = Grid { resolution: 0.0, width: 0, origin: [0.0; 3], cells: &[] };
+            occupancy_grid(Header { stamp: 0.0, frame: MAP_FRAME }, &none)
+        }
+    };
+    // The grid ends with bytes, so that nothing is between.
+    message.push(result);
+    message
 }
 
 /// The points of `voxelastic_msgs/GetDistances`; in words if there are too many.
@@ -362,8 +389,9 @@ pub(super) mod tests {
         assert_eq!(MessageReader::new(&many).unwrap().bool(), Some(false));
         drop(board);
         let seen = node.join().unwrap();
-        assert_eq!(seen.len(), 8);
+        assert_eq!(seen.len(), 9);
         assert_eq!(seen[..4], [Request::Save, Request::Pause(true), Request::Explore(true), Request::ReturnHome]);
-        assert_eq!(seen[5..], [Request::Load("/maps/a.vox".into()), Request::Load("/maps/b.vox".into()), Request::Distances(vec![p, q])]);
+        let [a, b] = ["/maps/a.vox", "/maps/b.vox"].map(|path| Request::Load(path.into()));
+        assert_eq!(seen[5..], [a, Request::Grid, b, Request::Distances(vec![p, q])]);
     }
 }

@@ -255,6 +255,7 @@ fn foxglove() -> NetworkSetup {
     NetworkSetup {
         names: Names::default(),
         transforms: true,
+        grid: voxelastic_live::ros::output::GridSettings::default(),
         lifecycle: false,
         backend: None,
         domain: None,

@@ -193,6 +193,22 @@ class OccupancyGrid(IdlStruct, **message("nav_msgs", "OccupancyGrid")):
     data: sequence[int8]
 
 
+@dataclass
+class OccupancyGridUpdate(IdlStruct, **message("map_msgs", "OccupancyGridUpdate")):
+    header: Header
+    x: int32
+    y: int32
+    width: uint32
+    height: uint32
+    data: sequence[int8]
+
+
+@dataclass
+class PoseWithCovarianceStamped(IdlStruct, **message("geometry_msgs", "PoseWithCovarianceStamped")):
+    header: Header
+    pose: PoseWithCovariance
+
+
 def service(package, name):
     return {"typename": f"{package}::srv::dds_::{name}_"}
 

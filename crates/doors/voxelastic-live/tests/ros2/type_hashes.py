@@ -7,6 +7,8 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 store = get_typestore(Stores.ROS2_JAZZY)
 octomap = "std_msgs/Header header\nbool binary\nstring id\nfloat64 resolution\nint8[] data\n"
 store.register(get_types_from_msg(octomap, "octomap_msgs/msg/Octomap"))
+update = "std_msgs/Header header\nint32 x\nint32 y\nuint32 width\nuint32 height\nint8[] data\n"
+store.register(get_types_from_msg(update, "map_msgs/msg/OccupancyGridUpdate"))
 # In IDL, a char is a byte.
 info = "service_msgs/msg/ServiceEventInfo"
 gid = ("client_gid", (Nodetype.ARRAY, ((Nodetype.BASE, ("uint8", 0)), 16)))

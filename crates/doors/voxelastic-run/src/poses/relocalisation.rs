@@ -9,7 +9,7 @@ use crate::surfaces::{self, SurfaceOptions};
 use voxelastic::Pose;
 use voxelastic::event::{Edge, Event, NodeId, Scan};
 use voxelastic::geometry::PoseExt;
-use voxelastic_slam::loops::{self, Localiser, LocaliserSettings};
+use voxelastic_slam::loops::{Localiser, LocaliserSettings, Whereabouts};
 
 /// Scans that wait at most. One that waits takes as much memory as its points.
 const MAX_WAITING_SCANS: usize = 20;
@@ -26,6 +26,10 @@ pub struct Relocalisation {
     /// Where the map was observed from.
     path: Vec<(NodeId, Pose)>,
     max_range: f64,
+    /// About where somebody says that they are.
+    about: Option<Whereabouts>,
+    /// Scans after which they are given up.
+    most_scans: usize,
     /// What waits.
     held: Vec<Event>,
     scans: usize,
@@ -67,12 +71,35 @@ impl Relocalisation {
             of_map.max_range = of_map.max_range.min(max_range);
             Localiser::new(points, path.iter().map(|(_, pose)| *pose).collect(), of_map)
         });
-        Self { localiser, has_frame, path, max_range, held: Vec::new(), scans: 0, t_map_frames: Vec::new() }
+        Self {
+            localiser,
+            has_frame,
+            path,
+            max_range,
+            about: None,
+            most_scans: MAX_WAITING_SCANS,
+            held: Vec::new(),
+            scans: 0,
+            t_map_frames: Vec::new(),
+        }
     }
 
     /// Scans that wait.
     pub fn scans(&self) -> usize {
         self.scans
+    }
+
+    /// Somebody says about where the scans that come are: they are looked for there alone, and what was found elsewhere does not count. A height of zero, which maps in two dimensions
+    /// have, is taken for that of the nearest place from which the map was observed.
+    pub fn look_near(&mut self, mut about: Whereabouts) -> Whereabouts {
+        let off = |pose: &Pose| (pose.translation.vector - about.position).xy().norm();
+        let near = self.path.iter().min_by(|a, b| off(&a.1).total_cmp(&off(&b.1)));
+        if let (true, Some((_, near))) = (about.position.z == 0.0, near) {
+            about.position.z = near.translation.z;
+        }
+        (self.about, self.most_scans) = (Some(about), self.scans + MAX_WAITING_SCANS);
+        self.t_map_frames.clear();
+        about
     }
 
     /// Takes an event, with the pose that it came with. None if it has to wait.
@@ -87,7 +114,7 @@ impl Relocalisation {
         let is_unmapped = self.path.iter().all(|(_, seen)| seen.translation_distance(&pose) > self.max_range);
         self.held.push(event);
         let give = |held: &mut Vec<Event>| std::mem::take(held);
-        if self.has_frame && (self.localiser.is_none() || located.is_none() && is_unmapped) {
+        if self.has_frame && (self.localiser.is_none() || located.is_none() && is_unmapped && self.about.is_none()) {
             tracing::info!("the scans go on in a place that was not mapped: their poses are taken as they are");
             return Some(Outcome::InFrame(give(&mut self.held)));
         }
@@ -109,19 +136,23 @@ impl Relocalisation {
         if self.localiser.is_none() {
             return Some(Outcome::NotFound("the map of before has no surfaces".to_owned(), give(&mut self.held)));
         }
-        (self.scans >= MAX_WAITING_SCANS)
-            .then(|| Outcome::NotFound(format!("none of {MAX_WAITING_SCANS} scans is surely in the map of before"), give(&mut self.held)))
+        let place = if self.about.is_some() { "where they were said to be" } else { "in the map of before" };
+        (self.scans >= self.most_scans).then(|| Outcome::NotFound(format!("none of {} scans is surely {place}", self.scans), give(&mut self.held)))
     }
 
-    /// Where the scan surely is, if that is found: where its pose says, near the last scan, or anywhere.
+    /// Where the scan surely is, if that is found: where somebody said, or else where its pose says, near the last scan, or anywhere.
     fn locate(&mut self, scan: &Scan) -> Option<Pose> {
         let localiser = self.localiser.as_mut()?;
+        let mut find = |about| localiser.locate(&scan.cloud, about).filter(|found| found.is_certain).map(|found| found.t_map_lidar);
+        if self.about.is_some() {
+            return find(self.about);
+        }
         let x = scan.t_map_lidar.rotation * nalgebra::Vector3::x();
-        let at = |pose: &Pose, within, yaw| loops::Whereabouts { position: pose.translation.vector, within, yaw };
+        let at = |pose: &Pose, within, yaw| Whereabouts { position: pose.translation.vector, within, yaw };
         let said = self.has_frame.then(|| at(&scan.t_map_lidar, SEARCH_RADII[0], Some(x.y.atan2(x.x))));
         let last = self.path.last().map(|(_, last)| at(last, SEARCH_RADII[1], None));
         let mut tries = said.into_iter().chain(last).map(Some).chain([None]);
-        tries.find_map(|about| localiser.locate(&scan.cloud, about).filter(|found| found.is_certain)).map(|found| found.t_map_lidar)
+        tries.find_map(find)
     }
 }
 
@@ -152,5 +183,59 @@ pub fn numbered(event: Event, offset: NodeId) -> Event {
         Event::PoseUpdate(poses) => Event::PoseUpdate(poses.into_iter().map(|(node, pose)| (node + offset, pose)).collect()),
         Event::Vertical(vertical) => Event::Vertical(voxelastic::event::Vertical { node: vertical.node + offset, ..vertical }),
         other => other,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use voxelastic::{Mapper, Settings};
+    use voxelastic_sim::{PoseSource, SimOptions, Simulation};
+
+    /// A map of the same room twice, 40 m from each other, and the scans of the room.
+    fn two_rooms() -> (Mapping, Vec<Scan>, Pose) {
+        let room = Simulation::new(SimOptions { scans: Some(10), columns: Some(256), ..SimOptions::of("room") }).unwrap();
+        let scans: Vec<Scan> = room.scans(PoseSource::Truth).collect();
+        let mut mapper = Mapper::new(Settings { voxel_size: 0.1, ..Settings::default() }).unwrap();
+        let t_map_second = Pose::translation(40.0, 0.0, 0.0);
+        for (k, t_map_room) in [Pose::identity(), t_map_second].into_iter().enumerate() {
+            for scan in &scans {
+                let (node, t_map_lidar) = (scan.node + (k * scans.len()) as NodeId, t_map_room * scan.t_map_lidar);
+                mapper.handle(Event::Scan(Scan { node, t_map_lidar, ..scan.clone() })).unwrap();
+            }
+        }
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build().unwrap();
+        (Mapping::new(mapper, pool, None), scans, t_map_second)
+    }
+
+    #[test]
+    fn among_rooms_that_look_alike_scans_are_where_somebody_says() {
+        let (mapping, scans, t_map_second) = two_rooms();
+        let found = |mut search: Relocalisation| {
+            let numbered = scans.iter().enumerate().map(|(k, scan)| Scan { node: 100 + k as NodeId, ..scan.clone() });
+            match numbered.map(Event::Scan).find_map(|scan| search.take(scan, &mapping)) {
+                Some(Outcome::InMap(found)) => found.t_map_frame,
+                _ => panic!("not found"),
+            }
+        };
+        // The poses of the scans are those in the first room; the last scan of the map was taken in the second.
+        assert!(is_same(&found(Relocalisation::new(&mapping, false)), &t_map_second));
+        let mut search = Relocalisation::new(&mapping, false);
+        let place = scans[0].t_map_lidar.translation.vector;
+        let position = nalgebra::Vector3::new(place.x + 0.7, place.y - 0.5, 0.0);
+        let about = search.look_near(Whereabouts { position, within: 4.0, yaw: None });
+        assert!((about.position.z - place.z).abs() < 0.3, "the height is that of the places of the map");
+        assert!(is_same(&found(search), &Pose::identity()));
+    }
+
+    #[test]
+    fn scans_that_are_not_where_somebody_says_are_not_found_elsewhere() {
+        let (mapping, scans, _) = two_rooms();
+        let mut search = Relocalisation::new(&mapping, true);
+        search.look_near(Whereabouts { position: [20.0, 0.0, 1.0].into(), within: 2.0, yaw: None });
+        let outcomes = (0..MAX_WAITING_SCANS)
+            .filter_map(|k| search.take(Event::Scan(Scan { node: 100 + k as NodeId, ..scans[k % scans.len()].clone() }), &mapping));
+        let outcomes: Vec<Outcome> = outcomes.collect();
+        assert!(matches!(outcomes.as_slice(), [Outcome::NotFound(words, held)] if words.contains("said to be") && held.len() == MAX_WAITING_SCANS));
     }
 }

@@ -6,7 +6,7 @@ macro_rules! definitions {
     };
 }
 
-/// Definitions by the last part of their types: common_interfaces, geometry2, octomap_msgs and livox_ros_driver2, as in ROS 2 Jazzy.
+/// Definitions by the last part of their types: common_interfaces, geometry2, navigation_msgs, octomap_msgs and livox_ros_driver2, as in ROS 2 Jazzy.
 const DEFINITIONS: &[(&str, &str)] = definitions!(
     "CameraInfo",
     "CompressedImage",
@@ -15,6 +15,7 @@ const DEFINITIONS: &[(&str, &str)] = definitions!(
     "Imu",
     "MarkerArray",
     "OccupancyGrid",
+    "OccupancyGridUpdate",
     "Octomap",
     "Odometry",
     "Path",

@@ -33,6 +33,11 @@ impl TsdfField {
         self.len() == 0
     }
 
+    /// Morton keys of the blocks that scans changed after the count of changes was `clock`.
+    pub(crate) fn changed_since(&self, clock: u32) -> impl Iterator<Item = u64> {
+        self.ids().map(|id| self.block(id)).filter(move |block| block.changed.wrapping_sub(clock) as i32 > 0).map(|block| block.key)
+    }
+
     /// The octree over the blocks.
     pub fn tree(&self) -> &Octree<()> {
         &self.tree

@@ -65,16 +65,20 @@ impl Resampler {
         let level = region.level - 1;
         let child = |i: u32| {
             let corner = std::array::from_fn(|k| region.corner[k] + ((i >> k & 1) << level));
-            let mut child = Region { corner, level, submaps: Vec::new() };
-            let (middle, radius) = self.ball(&child);
-            let is_near = |submap: &&PlacedField<'_>| {
-                let p = moved(&submap.t_submap_map, middle);
-                submap.reaches(p.map(|c| c - radius), p.map(|c| c + radius))
-            };
-            child.submaps = region.submaps.iter().copied().filter(is_near).collect();
+            let mut child = Region { corner, level, submaps: region.submaps.clone() };
+            self.keep_near(&mut child);
             (!child.submaps.is_empty()).then_some(child)
         };
         (0..8).filter_map(child).collect()
+    }
+
+    /// Takes submaps off the list whose bounds a cube does not overlap.
+    pub fn keep_near(&self, region: &mut Region<'_, '_>) {
+        let (middle, radius) = self.ball(region);
+        region.submaps.retain(|submap| {
+            let p = moved(&submap.t_submap_map, middle);
+            submap.reaches(p.map(|c| c - radius), p.map(|c| c + radius))
+        });
     }
 
     /// From smallest cubes, counted from the first corner of a region, to finest voxels of a submap.

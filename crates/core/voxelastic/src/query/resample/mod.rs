@@ -24,8 +24,7 @@ impl AtlasQuery<'_> {
         if self.is_empty() || !(to.voxel.is_finite() && to.voxel > 0.0) {
             return Vec::new();
         }
-        let samples = ((to.voxel / self.voxel_size() - 1e-6).ceil() as usize).max(1);
-        let resampler = Resampler { voxel_size: self.voxel_size(), to: *to, samples };
+        let resampler = self.resampler(to);
         let mut parts = vec![Region { corner: [0; 3], level: morton::AXIS_BITS, submaps: self.parts.iter().collect() }];
         // Enough parts for any number of threads; how space is divided depends on the map alone.
         for _ in 0..morton::AXIS_BITS {
@@ -39,6 +38,23 @@ impl AtlasQuery<'_> {
         resampled.into_iter().for_each(|part| cubes.extend(part));
         merge_siblings(&mut cubes);
         cubes
+    }
+
+    /// The known part of one cube of the grid of [`resample`](Self::resample), whose corner and level are as in [`Cube`]: states are the same, but for what rounding decides. It
+    /// depends on nothing but what submaps have there.
+    pub fn resample_cube(&self, to: &Resampling, corner: [u32; 3], level: u32) -> Vec<Cube> {
+        if self.is_empty() || !(to.voxel.is_finite() && to.voxel > 0.0) || level >= morton::AXIS_BITS {
+            return Vec::new();
+        }
+        let resampler = self.resampler(to);
+        let mut region = Region { corner, level, submaps: self.parts.iter().collect() };
+        resampler.keep_near(&mut region);
+        if region.submaps.is_empty() { Vec::new() } else { resampler.part(region) }
+    }
+
+    fn resampler(&self, to: &Resampling) -> Resampler {
+        let samples = ((to.voxel / self.voxel_size() - 1e-6).ceil() as usize).max(1);
+        Resampler { voxel_size: self.voxel_size(), to: *to, samples }
     }
 }
 

@@ -215,6 +215,27 @@ proptest! {
     }
 
     #[test]
+    fn cubes_by_themselves_are_those_of_the_whole(fields in fields(3), factor in 1.0..2.5f64, level in 4u32..7) {
+        let atlas = atlas(fields);
+        let query = AtlasQuery::new(&atlas);
+        let to = Resampling { voxel: query.voxel_size() * factor, states_only: true };
+        let smallest = |cubes: &[Cube]| -> HashMap<[u32; 3], i8> {
+            let within = |cube: &Cube| {
+                let (edge, corner, value) = (1 << cube.level, cube.corner, cube.value);
+                (0..edge * edge * edge).map(move |i| ([corner[0] + i % edge, corner[1] + i / edge % edge, corner[2] + i / edge / edge], value))
+            };
+            cubes.iter().flat_map(within).collect()
+        };
+        let whole = smallest(&query.resample(&to));
+        let mut corners: Vec<[u32; 3]> = whole.keys().map(|corner| corner.map(|c| c >> level << level)).collect();
+        corners.sort_unstable();
+        corners.dedup();
+        let parts: Vec<Cube> = corners.into_iter().flat_map(|corner| query.resample_cube(&to, corner, level)).collect();
+        prop_assert_eq!(smallest(&parts), whole);
+        prop_assert!(query.resample_cube(&to, [0; 3], level).is_empty(), "far away");
+    }
+
+    #[test]
     fn turned_maps_keep_all_that_is_occupied(fields in fields(3), factor in 1.0..2.5f64) {
         let atlas = atlas(fields.clone());
         let query = AtlasQuery::new(&atlas);

@@ -1,10 +1,9 @@
 //! Arguments of `voxelastic export`.
 
-use crate::args::LoadArgs;
+use crate::args::{BodyArgs, LoadArgs};
 use crate::meshing::{LayerArgs, SurfaceArgs};
 use clap::Args;
 use std::path::PathBuf;
-use voxelastic_ground::Body;
 
 /// Write a map as a cloud, as tiles that a browser streams, as an OctoMap, or as 2-D maps for robots
 ///
@@ -61,15 +60,8 @@ pub struct GroundArgs {
     /// Edge of a cell of a 2-D map, metres [default: the finest voxel of the map]
     #[arg(long, value_name = "M")]
     pub resolution: Option<f64>,
-    /// Height of the robot above the floor, metres: what is higher is no obstacle [default: 1]
-    #[arg(long, value_name = "M")]
-    pub body_height: Option<f64>,
-    /// Largest step that the robot climbs, metres: what is lower is no obstacle [default: 0.1]
-    #[arg(long, value_name = "M")]
-    pub step: Option<f64>,
-    /// Steepest slope that the robot climbs, degrees [default: 25]
-    #[arg(long, value_name = "DEG")]
-    pub slope: Option<f64>,
+    #[command(flatten)]
+    pub robot: BodyArgs,
     /// What the pixels of a 2-D map say: trinary (free, occupied, unknown), scale or raw (also 1 to 99, by how much of what the robot climbs the floor takes)
     #[arg(long, value_name = "MODE", value_parser = ["trinary", "scale", "raw"])]
     pub mode: Option<String>,
@@ -78,24 +70,8 @@ pub struct GroundArgs {
 impl GroundArgs {
     /// The first of these options that was given.
     pub fn given(&self) -> Option<&'static str> {
-        let given = [
-            ("--resolution", self.resolution.is_some()),
-            ("--body-height", self.body_height.is_some()),
-            ("--step", self.step.is_some()),
-            ("--slope", self.slope.is_some()),
-            ("--mode", self.mode.is_some()),
-        ];
-        given.into_iter().find(|(_, given)| *given).map(|(name, _)| name)
-    }
-
-    /// The robot.
-    pub fn body(&self) -> Body {
-        let usual = Body::default();
-        Body {
-            height: self.body_height.unwrap_or(usual.height),
-            step: self.step.unwrap_or(usual.step),
-            slope: self.slope.map_or(usual.slope, f64::to_radians),
-        }
+        let own = [("--resolution", self.resolution.is_some()), ("--mode", self.mode.is_some())];
+        own.into_iter().chain(self.robot.given()).find(|(_, given)| *given).map(|(name, _)| name)
     }
 }
 

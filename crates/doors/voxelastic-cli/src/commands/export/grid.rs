@@ -26,7 +26,7 @@ pub fn run(args: &ExportArgs) -> anyhow::Result<()> {
     let pool = args.surface.pool()?;
     let clock = Instant::now();
     let mode = Mode::ALL.iter().find(|(name, _)| Some(*name) == args.ground.mode.as_deref()).map_or(Mode::default(), |(_, mode)| *mode);
-    let options = GridOptions { resolution: args.ground.resolution, body: args.ground.body(), mode };
+    let options = GridOptions { resolution: args.ground.resolution, body: args.ground.robot.body(), mode };
     let map = pool.install(|| map_files::load(&args.map, args.load.into()))?;
     let written = pool.install(|| grid::write(&args.output, &map.atlas, map.origin, &args.map, &options))?;
     for storey in &written.storeys {

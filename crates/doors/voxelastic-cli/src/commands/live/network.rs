@@ -1,11 +1,13 @@
 //! Arguments for the network of ROS 2 that a node joins, and for Foxglove.
 
+use crate::args::BodyArgs;
 use crate::failure::Failure;
 use clap::{Args, ValueEnum};
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use voxelastic_live::node::{Backend, NetworkSetup};
 use voxelastic_live::ros::names::Names;
+use voxelastic_live::ros::output::GridSettings;
 
 /// Arguments for ROS 2.
 #[derive(Debug, Args)]
@@ -47,6 +49,11 @@ pub struct NetworkArgs {
     /// Record the messages that come in, for `voxelastic map` and to be played again; and what is published, in a second file: FILE-map.mcap
     #[arg(long, value_name = "FILE.mcap", requires = "ros2")]
     record: Option<PathBuf>,
+    /// Edge of a cell of the 2-D map that is published, metres [default: the finest voxel of the map]
+    #[arg(long, value_name = "M")]
+    grid_resolution: Option<f64>,
+    #[command(flatten)]
+    robot: BodyArgs,
 }
 
 impl NetworkArgs {
@@ -63,15 +70,18 @@ impl NetworkArgs {
     /// What the node is to do.
     ///
     /// # Errors
-    /// Remaps that contradict each other.
-    pub fn setup(&self) -> Result<NetworkSetup, Failure> {
+    /// Remaps that contradict each other; a 2-D map that cannot be made of voxels of `voxel_size` metres.
+    pub fn setup(&self, voxel_size: f32) -> Result<NetworkSetup, Failure> {
         let names = Names::parse(&self.node, &self.remap).map_err(|problem| Failure::usage(problem, "see `voxelastic live --help`"))?;
         let backend = self.ros2.map(|travels| match travels {
             Travels::Usual => Backend::Usual,
             Travels::Dds => Backend::Dds,
             Travels::Zenoh => Backend::Zenoh,
         });
+        let grid = GridSettings { resolution: self.grid_resolution, body: self.robot.body() };
+        grid.check(f64::from(voxel_size)).map_err(|problem| Failure::usage(problem.to_string(), problem.remedy()))?;
         Ok(NetworkSetup {
+            grid,
             names,
             backend,
             domain: self.domain,

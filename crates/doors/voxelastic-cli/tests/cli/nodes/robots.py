@@ -2,6 +2,7 @@
 the node /robot1/mapper. What it saw is in FOLDER/seen.json then."""
 import json
 import math
+import shutil
 import sys
 import threading
 import time
@@ -119,6 +120,36 @@ class GetMapResponse(IdlStruct, **t.service("nav_msgs", "GetMap_Response")):
     map: t.OccupancyGrid
 
 
+@dataclass
+class LoadMapRequest(IdlStruct, **t.service("nav_msgs", "LoadMap_Request")):
+    client: uint64
+    number: int64
+    map_url: str
+
+
+@dataclass
+class LoadMapResponse(IdlStruct, **t.service("nav_msgs", "LoadMap_Response")):
+    client: uint64
+    number: int64
+    map: t.OccupancyGrid
+    result: uint8
+
+
+@dataclass
+class TriggerRequest(IdlStruct, **t.service("std_srvs", "Trigger_Request")):
+    client: uint64
+    number: int64
+    nothing: uint8
+
+
+@dataclass
+class TriggerResponse(IdlStruct, **t.service("std_srvs", "Trigger_Response")):
+    client: uint64
+    number: int64
+    success: bool
+    message: str
+
+
 participant, folder = DomainParticipant(int(sys.argv[1])), Path(sys.argv[2])
 writer = lambda name, kind, qos: DataWriter(participant, Topic(participant, f"rt/{name}", kind), qos=qos)
 reader = lambda name, kind, qos: DataReader(participant, Topic(participant, f"rt/{name}", kind), qos=qos)
@@ -205,7 +236,34 @@ def call(name, request, response, *arguments):
     raise SystemExit(f"no answer of {name}")
 
 
-diagnostics, grids = reader("diagnostics", Diagnostics, USUAL), reader("map", t.OccupancyGrid, LATCHED)
+class KeptGrid:
+    """A grid that is kept up from what changes in it, as Nav2's static layer does."""
+
+    def __init__(self):
+        self.readers = [reader("map", t.OccupancyGrid, LATCHED), reader("map_updates", t.OccupancyGridUpdate, USUAL)]
+        self.info, self.cells, self.frame, self.wholes, self.parts = None, None, None, 0, 0
+
+    def take(self):
+        """Whether something has come."""
+        messages = [message for topic in self.readers for message in topic.take(N=100) if hasattr(message, "header")]
+        for message in sorted(messages, key=lambda message: message.sample_info.source_timestamp):
+            if isinstance(message, t.OccupancyGrid):
+                self.info, self.frame, self.wholes = message.info, message.header.frame_id, self.wholes + 1
+                self.cells = numpy.array(message.data, numpy.int8).reshape(message.info.height, message.info.width)
+            elif self.cells is not None:
+                rows, columns = slice(message.y, message.y + message.height), slice(message.x, message.x + message.width)
+                self.cells[rows, columns] = numpy.array(message.data, numpy.int8).reshape(message.height, message.width)
+                self.parts += 1
+        return len(messages) > 0
+
+    def is_of(self, other):
+        """Whether it is the same as another message says, now or after what comes next."""
+        self.take()
+        place = lambda info: (info.width, info.height, info.resolution, info.origin.position.x, info.origin.position.y)
+        return place(self.info) == place(other.info) and self.cells.tobytes() == numpy.array(other.data, numpy.int8).tobytes()
+
+
+diagnostics, grid = reader("diagnostics", Diagnostics, USUAL), KeptGrid()
 paths = reader(f"{SPACE}/mapper/path", t.Path, LATCHED)
 taken = []
 
@@ -232,15 +290,13 @@ def said(words, since):
 
 
 def old_walls():
-    """Occupied cells well inside the room, of the last grid that came; none if none came."""
-    messages = [message for message in grids.take(N=10) if isinstance(message, t.OccupancyGrid)]
-    if not messages:
+    """Occupied cells well inside the room, of the grid as it is; none if nothing came."""
+    if not grid.take() or grid.cells is None:
         return None
-    info, cells = messages[-1].info, numpy.array(messages[-1].data).reshape(messages[-1].info.height, -1)
-    rows, columns = numpy.nonzero(cells == 100)
+    info, (rows, columns) = grid.info, numpy.nonzero(grid.cells == 100)
     x = info.origin.position.x + (columns + 0.5) * info.resolution
     y = info.origin.position.y + (rows + 0.5) * info.resolution
-    seen["grid_frame"] = messages[-1].header.frame_id
+    seen["grid_frame"] = grid.frame
     return int(((x > -3.6) & (x < 7.6) & (y > -2.6) & (y < 4.6)).sum())
 
 
@@ -290,6 +346,41 @@ seen["rival"] = wait_for("words about a rival", lambda: said("somebody else", si
 robot.has_rival, robot.is_silent, since = False, True, len(taken)
 silence = wait_for("words about silence", lambda: said("nothing came on", since))
 seen["silence"], seen["silence_level"] = silence.message, silence.level
+# Nothing moves now: the grid that was kept up from changes is the whole one, and so is that of somebody who comes.
+for _ in range(20):
+    whole = call("map", GetMapRequest, GetMapResponse, 0).map
+    time.sleep(1.5)
+    if grid.is_of(whole):
+        break
+else:
+    raise SystemExit("the grid that is kept up is not the whole one")
+late = KeptGrid()
+wait_for("grid for somebody who comes", lambda: late.take() and late.cells is not None and late.is_of(whole))
+seen["grid_messages"] = [grid.wholes, grid.parts, late.wholes]
+# Where the robot says that it is, in a map that it goes on in.
+initial, spread = writer(f"{SPACE}/initialpose", t.PoseWithCovarianceStamped, USUAL), [0.25 if k in (0, 7) else 0.0 for k in range(36)]
+wait_for("subscriber of initial poses", lambda: initial.get_matched_subscriptions())
+
+
+def say(frame):
+    x, y, yaw = robot.now
+    initial.write(t.PoseWithCovarianceStamped(t.Header(t.Time(0, 0), frame), t.PoseWithCovariance(place(x - robot.drift, y, 0.0, yaw), spread)))
+
+
+say("map")
+saved = call("save", TriggerRequest, TriggerResponse, 0).success
+shutil.copytree(folder / "map.vox", folder / "before.vox")
+loaded = call("load", LoadMapRequest, LoadMapResponse, str(folder / "before.vox"))
+seen["loaded"] = [saved, loaded.result, list(loaded.map.data).count(100) > 50]
+wait_for("grid of the map that was loaded", lambda: grid.is_of(loaded.map))
+time.sleep(1.5)
+before = len(wait_for("path of the map that was loaded", lambda: [path.poses for path in paths.take(N=10) if path.poses])[-1])
+say("nonsense")
+say("map")
+time.sleep(1)
+robot.is_silent, last = False, lambda: next((path.poses for path in reversed(paths.take(N=10)) if len(path.poses) > before), None)
+at = wait_for("scan in the map that was loaded", last)[-1].pose.position
+seen["loaded"].append(round(abs(math.hypot(at.x, at.y) - 1.5), 3))
 seen["states"].append(change(0, "shutdown"))
 (folder / "seen.tmp").write_text(json.dumps(seen))
 (folder / "seen.tmp").rename(folder / "seen.json")

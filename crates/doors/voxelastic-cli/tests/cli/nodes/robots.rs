@@ -53,5 +53,17 @@ fn a_robot_on_cyclone_dds_is_mapped_and_told_what_is_wrong() {
     assert!(old["seconds"].as_f64().is_some_and(|seconds| seconds < 10.0), "{seen}");
     println!("old walls went {} s after the correction; the first scan was mapped {} s after the mount came", old["seconds"], seen["first_scan_s"]);
     assert!(words("rival").contains("somebody else publishes the transform map -> odom"), "{seen}");
+    // The grid that is kept up from its changes is the whole one; all of it comes seldom.
+    let messages = |k: usize| seen["grid_messages"][k].as_u64().unwrap();
+    assert!(messages(1) > messages(0) && messages(2) <= 2, "{seen}");
+    println!("grids, updates of it: {}", seen["grid_messages"]);
+    // A pose is of use where scans are looked for, and refused in words elsewhere.
+    assert!(said.contains("initial pose: the scans are not looked for: they are in the map already"), "{said}");
+    assert!(said.contains("initial pose: the frame nonsense is not connected with the map"), "{said}");
+    assert!(said.contains("scans are looked for within 2.0 m of (") && said.contains("found in the map"), "{said}");
+    let loaded = &seen["loaded"];
+    assert_eq!(loaded.as_array().map(|all| &all[..3]), Some(&[true.into(), 0.into(), true.into()][..]), "{seen}");
+    // The robot drives in circles of 1.5 m around the origin of the map, whatever its odometry says.
+    assert!(loaded[3].as_f64().is_some_and(|off| off < 0.2), "{seen}");
     assert!(words("silence").contains("nothing came on /robot1/points for") && seen["silence_level"] == 1, "{seen}");
 }

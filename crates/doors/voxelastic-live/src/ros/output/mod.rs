@@ -6,7 +6,8 @@
 //! | `~/surface_points` | `sensor_msgs/PointCloud2` | the vertices of the same tiles |
 //! | `~/moving_points` | `sensor_msgs/PointCloud2` | points of each scan that were set aside because they are on things that move, with `dynamic = remove` |
 //! | `~/octomap` | `octomap_msgs/Octomap` | free and occupied space, if the map has occupancy |
-//! | `~/grid` | `nav_msgs/OccupancyGrid` | a 2-D map of the storey that the robot is on, for its height and what it climbs |
+//! | `~/grid` | `nav_msgs/OccupancyGrid` | a 2-D map of the storey that the robot is on, for its height and what it climbs: once a second while it changes; for those who also listen to its updates, when its size changes or somebody comes |
+//! | `~/grid_updates` (the name of the grid with `_updates`) | `map_msgs/OccupancyGridUpdate` | rectangles of the 2-D map that contain what has changed in it |
 //! | `~/distance_slice` | `sensor_msgs/PointCloud2` | distances to the nearest surface within 10 m of the robot, at its height |
 //! | `~/path` | `nav_msgs/Path` | poses of the scans, when a scan was added or poses were corrected; of more than 4096 every second, fourth, ... and the last |
 //! | `~/frontier` | `visualization_msgs/MarkerArray` | for a robot that explores: a box at the centre of each cluster of the frontier, as large as that is, and an arrow towards what is unknown, with each plan |
@@ -19,8 +20,11 @@
 
 mod distances;
 mod exploration;
-mod occupancy;
+mod floor_plan;
+mod grid;
+mod octomap;
 mod path;
+mod sinks;
 mod surface;
 mod topics;
 
@@ -30,21 +34,21 @@ use super::names::Names;
 use crate::planner::Plan;
 use distances::SliceState;
 use exploration::ShownPlan;
-pub use occupancy::GridSettings;
-use occupancy::{FloorPlan, Layers, floor_plan};
+use floor_plan::FloorPlan;
+pub use floor_plan::GridSettings;
+use grid::LiveGrid;
+use octomap::OctomapState;
 use path::PathState;
-use std::collections::HashMap;
+use sinks::Sinks;
 use std::time::{Duration, Instant};
 use surface::SurfaceTiles;
-pub use topics::{Output, profiles};
+pub use topics::{MAP_FRAME, Output, profiles};
 use voxelastic::atlas::Atlas;
 use voxelastic::event::NodeId;
 use voxelastic::settings::Dynamic;
 use voxelastic::{Mapper, Pose};
 use voxelastic_io::bag::live::LiveFrames;
 
-/// The frame of the map.
-pub const MAP_FRAME: &str = "map";
 /// Paths and figures are published at most this often.
 const PERIOD: Duration = Duration::from_secs(1);
 /// The transform is published at least this often.
@@ -86,10 +90,11 @@ impl Default for OutputOptions {
 
 /// Publishes what changes in a map, to all networks that were added.
 pub struct Outputs {
-    sinks: HashMap<Output, Vec<Box<dyn Sink>>>,
+    sinks: Sinks,
     options: OutputOptions,
     surface: SurfaceTiles,
-    layers: Layers,
+    octomap: OctomapState,
+    grid: LiveGrid,
     slice: SliceState,
     poses: Vec<Pose>,
     path: PathState,
@@ -101,12 +106,10 @@ pub struct Outputs {
     clock: Clock,
     /// Is told which transforms are published.
     frames: Option<LiveFrames>,
-    /// The last scan, and its time stamp.
+    /// The last scan.
     newest: Option<NodeId>,
     /// Whether its moving points are to be published.
     has_moving: bool,
-    stamp: f64,
-    lost: usize,
 }
 
 /// What tells the time of a simulation, seconds; none while it is not known.
@@ -116,10 +119,11 @@ impl Outputs {
     /// None yet.
     pub fn new(options: OutputOptions) -> Self {
         Self {
-            sinks: HashMap::new(),
+            sinks: Sinks::default(),
             options,
             surface: SurfaceTiles::new(options.detail),
-            layers: Layers::default(),
+            octomap: OctomapState::default(),
+            grid: LiveGrid::new(options.grid),
             slice: SliceState::default(),
             poses: Vec::new(),
             path: PathState::default(),
@@ -131,8 +135,6 @@ impl Outputs {
             frames: None,
             newest: None,
             has_moving: false,
-            stamp: 0.0,
-            lost: 0,
         }
     }
 
@@ -170,20 +172,21 @@ impl Outputs {
     ) -> Result<(), MiddlewareError> {
         let explores = self.options.explores;
         for (output, profile) in profiles(names).into_iter().filter(|(output, _)| explores || !output.is_of_exploration()) {
-            self.sinks.entry(output).or_default().push(advertise(&profile)?);
+            self.sinks.add(output, advertise(&profile)?);
         }
         Ok(())
     }
 
     /// Messages that could not be handed over so far.
     pub fn lost(&self) -> usize {
-        self.lost
+        self.sinks.lost
     }
 
     /// Notes the time stamp of a scan that is going to be in the map.
     pub fn add_scan(&mut self, node: NodeId, time: f64) {
         self.path.add(node, time);
-        (self.newest, self.stamp, self.has_moving) = (Some(node), time, true);
+        (self.newest, self.has_moving) = (Some(node), true);
+        self.sinks.stamp = time;
     }
 
     /// After an event: poses are published at once, everything else by [`step`](Self::step).
@@ -195,7 +198,8 @@ impl Outputs {
         if let Some(t_map_lidar) = self.newest.and_then(|node| atlas.scan_pose(node)) {
             self.surface.focus(<[f64; 3]>::from(t_map_lidar.translation.vector).map(|c| c as f32));
         }
-        self.layers.note();
+        self.octomap.note();
+        self.grid.note();
         self.slice.note();
         if let Some(link) = link.filter(|link| link.odom != MAP_FRAME)
             && let Some(t_map_lidar) = atlas.scan_pose(link.node)
@@ -209,28 +213,29 @@ impl Outputs {
 
     /// After a submap was rebuilt as corrections had bent it: what is made of it is made again soon.
     pub fn note_rebuilt(&mut self, mapper: &Mapper) {
-        self.layers.hurry();
+        self.octomap.hurry();
+        self.grid.hurry();
         self.note(mapper, None);
     }
 
     fn note_path(&mut self, atlas: &Atlas) {
-        let header = Header { stamp: self.stamp, frame: MAP_FRAME };
+        let header = self.sinks.header();
         if let Some(message) = self.path.step(atlas, PERIOD).map(|path| messages::path(header, path)) {
-            self.publish(Output::Path, |_| message);
+            self.sinks.publish(Output::Path, |_| message);
         }
     }
 
     /// Once for each scan, also if it has none: what is shown goes then.
     fn note_moving(&mut self, mapper: &Mapper) {
         if std::mem::take(&mut self.has_moving) && mapper.settings().dynamic == Dynamic::Remove {
-            self.publish(Output::MovingPoints, |header| messages::point_cloud(header, mapper.moving_points(), &[]));
+            self.sinks.publish(Output::MovingPoints, |header| messages::point_cloud(header, mapper.moving_points(), &[]));
         }
     }
 
     fn note_submaps(&mut self, atlas: &Atlas) {
         let poses: Vec<Pose> = atlas.submaps().iter().map(|submap| submap.t_map_submap()).collect();
         if poses != self.poses {
-            self.publish(Output::Submaps, |header| messages::pose_array(header, &poses));
+            self.sinks.publish(Output::Submaps, |header| messages::pose_array(header, &poses));
             self.poses = poses;
             if self.plan.follow(atlas) {
                 self.publish_path_to_explore();
@@ -243,7 +248,7 @@ impl Outputs {
         self.plan.set(plan);
         self.plan.follow(atlas);
         let shapes = exploration::shapes(&plan.frontier);
-        self.publish(Output::Frontier, |header| messages::shape_markers(header, "frontier", &shapes));
+        self.sinks.publish(Output::Frontier, |header| messages::shape_markers(header, "frontier", &shapes));
         self.publish_path_to_explore();
     }
 
@@ -256,9 +261,9 @@ impl Outputs {
     fn publish_path_to_explore(&mut self) {
         let poses = self.plan.poses();
         if let Some(goal) = poses.last() {
-            self.publish(Output::ExploreGoal, |header| messages::pose_stamped(header, goal));
+            self.sinks.publish(Output::ExploreGoal, |header| messages::pose_stamped(header, goal));
         }
-        self.publish(Output::ExplorePath, |header| {
+        self.sinks.publish(Output::ExplorePath, |header| {
             let stamped: Vec<(f64, Pose)> = poses.iter().map(|pose| (header.stamp, *pose)).collect();
             messages::path(header, &stamped)
         });
@@ -274,15 +279,16 @@ impl Outputs {
     pub fn reset(&mut self) {
         let removed = self.surface.removed();
         if !removed.is_empty() {
-            self.publish(Output::Surface, |header| messages::mesh_markers(header, &removed));
+            self.sinks.publish(Output::Surface, |header| messages::mesh_markers(header, &removed));
         }
         self.surface = SurfaceTiles::new(self.options.detail);
-        (self.layers, self.slice) = (Layers::default(), SliceState::default());
+        (self.octomap, self.slice) = (OctomapState::default(), SliceState::default());
+        self.grid = LiveGrid::new(self.options.grid);
         (self.poses, self.path, self.link) = (Vec::new(), PathState::default(), None);
-        self.publish(Output::Path, |header| messages::path(header, &[]));
-        self.publish(Output::Frontier, |header| messages::shape_markers(header, "frontier", &[]));
+        self.sinks.publish(Output::Path, |header| messages::path(header, &[]));
+        self.sinks.publish(Output::Frontier, |header| messages::shape_markers(header, "frontier", &[]));
         self.stop_exploring();
-        self.publish(Output::Submaps, |header| messages::pose_array(header, &[]));
+        self.sinks.publish(Output::Submaps, |header| messages::pose_array(header, &[]));
     }
 
     /// Makes and publishes some of the surface that changed, or of the occupancy; false if nothing is due. To be called in the mapper's threads.
@@ -290,34 +296,43 @@ impl Outputs {
         if self.last_transform.is_some_and(|last| last.elapsed() >= TRANSFORM_PERIOD) {
             self.publish_transform();
         }
-        self.step_surface(atlas) || self.step_layers(atlas)
+        self.step_surface(atlas) || self.step_grid(atlas) || self.step_octomap(atlas)
     }
 
-    /// Whether tiles of the surface are being made: they are published by a [`step`](Self::step) soon.
+    /// Whether tiles of the surface or the grid are being made: they are published by a [`step`](Self::step) soon.
     pub fn is_busy(&self) -> bool {
-        self.surface.is_busy()
+        self.surface.is_busy() || self.grid.is_busy()
     }
 
     fn step_surface(&mut self, atlas: &Atlas) -> bool {
-        let listeners = [Output::Surface, Output::SurfacePoints].map(|output| self.subscribers(output));
-        if !self.has_room(&[Output::Surface, Output::SurfacePoints]) {
+        let listeners = [Output::Surface, Output::SurfacePoints].map(|output| self.sinks.subscribers(output));
+        if !self.sinks.has_room(&[Output::Surface, Output::SurfacePoints]) {
             return false;
         }
         let Some(meshes) = self.surface.step(atlas, listeners) else { return false };
         let (points, colours) = meshes.vertices();
-        self.publish_if(Output::SurfacePoints, |header| (!points.is_empty()).then(|| messages::point_cloud(header, &points, &colours)));
-        self.publish(Output::Surface, |header| messages::mesh_markers(header, &meshes.markers));
+        self.sinks.publish_if(Output::SurfacePoints, |header| (!points.is_empty()).then(|| messages::point_cloud(header, &points, &colours)));
+        self.sinks.publish(Output::Surface, |header| messages::mesh_markers(header, &meshes.markers));
         true
     }
 
-    fn step_layers(&mut self, atlas: &Atlas) -> bool {
-        let listeners = [Output::Octomap, Output::Grid].map(|output| self.subscribers(output));
-        if !self.has_room(&[Output::Octomap, Output::Grid]) {
+    fn step_octomap(&mut self, atlas: &Atlas) -> bool {
+        let listeners = self.sinks.subscribers(Output::Octomap);
+        if !self.sinks.has_room(&[Output::Octomap]) {
             return false;
         }
-        let Some(made) = self.layers.step(atlas, listeners, &self.options.grid, self.robot()) else { return false };
-        self.publish_if(Output::Octomap, |header| made.octomap.as_ref().map(|(voxel, nodes)| messages::octomap(header, *voxel, nodes)));
-        self.publish_if(Output::Grid, |header| made.grid.as_ref().map(|grid| messages::occupancy_grid(header, &grid.as_message())));
+        let Some((voxel, nodes)) = self.octomap.step(atlas, listeners) else { return false };
+        self.sinks.publish(Output::Octomap, |header| messages::octomap(header, voxel, &nodes));
+        true
+    }
+
+    fn step_grid(&mut self, atlas: &Atlas) -> bool {
+        let (listeners, robot) = (self.sinks.subscribers(Output::Grid), self.robot());
+        if !self.sinks.has_room(&[Output::Grid, Output::GridUpdates]) {
+            return false;
+        }
+        let Some(news) = self.grid.step(atlas, listeners, robot) else { return false };
+        self.sinks.publish_grid(&news);
         true
     }
 
@@ -329,9 +344,10 @@ impl Outputs {
 
     /// The grid as it is now, as a message like those of its topic; without cells where the map has no occupancy.
     pub fn grid(&mut self, atlas: &Atlas) -> Vec<u8> {
-        let header = Header { stamp: self.stamp, frame: MAP_FRAME };
+        let header = self.sinks.header();
         let none = Grid { resolution: 0.0, width: 0, origin: [0.0; 3], cells: &[] };
-        let made = floor_plan(atlas, &self.options.grid, self.robot()).ok();
+        let robot = self.robot();
+        let made = self.grid.now(atlas, robot).ok();
         messages::occupancy_grid(header, &made.as_ref().map_or(none, FloorPlan::as_message))
     }
 
@@ -339,7 +355,7 @@ impl Outputs {
     /// known.
     pub fn step_slice(&mut self, atlas: &Atlas, distances: impl FnOnce(&[[f64; 3]]) -> Vec<Option<f32>>) {
         let begin = Instant::now();
-        if !self.has_room(&[Output::DistanceSlice]) || !self.slice.is_due(self.subscribers(Output::DistanceSlice), begin) {
+        if !self.sinks.has_room(&[Output::DistanceSlice]) || !self.slice.is_due(self.sinks.subscribers(Output::DistanceSlice), begin) {
             return;
         }
         let Some(t_map_lidar) = self.newest.and_then(|node| atlas.scan_pose(node)) else { return };
@@ -347,7 +363,7 @@ impl Outputs {
         let known = points.iter().zip(distances(&points)).filter_map(|(p, distance)| Some([p[0] as f32, p[1] as f32, p[2] as f32, distance?]));
         let known: Vec<[f32; 4]> = known.collect();
         self.slice.made(begin, begin.elapsed());
-        self.publish(Output::DistanceSlice, |header| messages::distance_cloud(header, &known));
+        self.sinks.publish(Output::DistanceSlice, |header| messages::distance_cloud(header, &known));
     }
 
     /// Whether a second has passed since it was said how the node is.
@@ -358,8 +374,8 @@ impl Outputs {
     /// How the node is, in words and as figures.
     pub fn diagnostics(&mut self, node: &str, (health, words, mut figures): (Health, String, Vec<(String, String)>)) {
         self.last_figures = Some(Instant::now());
-        figures.push(("messages_lost".to_owned(), self.lost.to_string()));
-        self.publish(Output::Diagnostics, |header| messages::diagnostics(Header { frame: "", ..header }, node, (health, &words), &figures));
+        figures.push(("messages_lost".to_owned(), self.sinks.lost.to_string()));
+        self.sinks.publish(Output::Diagnostics, |header| messages::diagnostics(Header { frame: "", ..header }, node, (health, &words), &figures));
     }
 
     fn publish_transform(&mut self) {
@@ -373,87 +389,9 @@ impl Outputs {
             links.push((odom, base, link.t_odom_lidar * t_lidar_base));
         }
         self.frames.iter().for_each(|frames| links.iter().for_each(|(_, child, _)| frames.note_published(child, stamp)));
-        self.publish(Output::Transforms, |_| messages::transforms(&links));
-    }
-
-    fn subscribers(&self, output: Output) -> usize {
-        self.sinks.get(&output).into_iter().flatten().map(|sink| sink.subscribers()).sum()
-    }
-
-    fn has_room(&self, outputs: &[Output]) -> bool {
-        outputs.iter().filter_map(|output| self.sinks.get(output)).flatten().all(|sink| sink.has_room())
-    }
-
-    fn publish(&mut self, output: Output, message: impl FnOnce(Header<'_>) -> Vec<u8>) {
-        self.publish_if(output, |header| Some(message(header)));
-    }
-
-    fn publish_if(&mut self, output: Output, message: impl FnOnce(Header<'_>) -> Option<Vec<u8>>) {
-        let Some(sinks) = self.sinks.get_mut(&output) else { return };
-        let Some(message) = message(Header { stamp: self.stamp, frame: MAP_FRAME }) else { return };
-        for sink in sinks {
-            if let Err(problem) = sink.publish(&message) {
-                self.lost += 1;
-                tracing::debug!("{problem}");
-            }
-        }
+        self.sinks.publish(Output::Transforms, |_| messages::transforms(&links));
     }
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use std::sync::mpsc::{Sender, channel};
-    use voxelastic::event::Event;
-    use voxelastic::settings::Settings;
-    use voxelastic_sim::{PoseSource, SimOptions, Simulation};
-
-    struct Collected(Option<Sender<Vec<u8>>>);
-
-    impl Sink for Collected {
-        fn publish(&mut self, message: &[u8]) -> Result<(), MiddlewareError> {
-            self.0.iter().for_each(|sender| sender.send(message.to_vec()).unwrap());
-            Ok(())
-        }
-
-        fn subscribers(&self) -> usize {
-            0
-        }
-    }
-
-    /// The clouds of moving points that are published while a street is mapped, and how many points the mapper set aside of each scan.
-    fn published(dynamic: &str) -> (Vec<Vec<u8>>, Vec<usize>) {
-        let mut settings = Settings { voxel_size: 0.3, max_range: 30.0, ..Settings::default() };
-        settings.set("dynamic", dynamic).unwrap();
-        let (sender, messages) = channel();
-        let mut outputs = Outputs::new(OutputOptions::default());
-        let advertise = |profile: &TopicProfile| -> Result<Box<dyn Sink>, MiddlewareError> {
-            let sender = (profile.name == "/robot/moving_points").then(|| sender.clone());
-            Ok(Box::new(Collected(sender)))
-        };
-        outputs.add_sinks(&Names::of_node("robot"), advertise).unwrap();
-        let options = SimOptions { traffic: 24, rate: Some(10.0), scans: Some(14), columns: Some(512), drift: 0.0, ..SimOptions::of("street") };
-        let simulation = Simulation::new(options).unwrap();
-        let (mut mapper, mut counts) = (Mapper::new(settings).unwrap(), Vec::new());
-        for scan in simulation.scans(PoseSource::Truth) {
-            outputs.add_scan(scan.node, scan.time);
-            let correction = Event::PoseUpdate(vec![(scan.node, scan.t_map_lidar)]);
-            mapper.handle(Event::Scan(scan)).unwrap();
-            outputs.note(&mapper, None);
-            counts.push(mapper.moving_points().len());
-            mapper.handle(correction).unwrap();
-            outputs.note(&mapper, None);
-        }
-        (messages.try_iter().collect(), counts)
-    }
-
-    #[test]
-    fn moving_points_are_published_once_for_each_scan() {
-        let (messages, counts) = published("remove");
-        assert!(counts.len() == 14 && counts.iter().sum::<usize>() > 400, "{counts:?}");
-        // Twelve bytes a point, and a header that is always the same.
-        let empty = messages[0].len() - 12 * counts[0];
-        assert_eq!(messages.iter().map(|message| (message.len() - empty) / 12).collect::<Vec<_>>(), counts);
-        assert!(published("keep").0.is_empty());
-    }
-}
+mod tests;

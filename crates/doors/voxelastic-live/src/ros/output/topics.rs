@@ -3,6 +3,9 @@
 use crate::ros::middleware::{Delivery, TopicProfile};
 use crate::ros::names::Names;
 
+/// The frame of the map.
+pub const MAP_FRAME: &str = "map";
+
 /// A topic that is published.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Output {
@@ -14,8 +17,10 @@ pub enum Output {
     MovingPoints,
     /// Free and occupied space.
     Octomap,
-    /// A layer of it.
+    /// The 2-D map of the storey that the robot is on.
     Grid,
+    /// What has changed in it.
+    GridUpdates,
     /// Distances to the nearest surface, around the robot.
     DistanceSlice,
     /// Poses of the scans.
@@ -45,8 +50,8 @@ impl Output {
 pub fn profiles(names: &Names) -> Vec<(Output, TopicProfile)> {
     use Delivery::{Latched, Periodic, Reliable};
     use Output::{
-        Diagnostics, DistanceSlice, ExploreGoal, ExplorePath, Frontier, Grid, MovingPoints, Octomap, Path, Submaps, Surface, SurfacePoints,
-        Transforms,
+        Diagnostics, DistanceSlice, ExploreGoal, ExplorePath, Frontier, Grid, GridUpdates, MovingPoints, Octomap, Path, Submaps, Surface,
+        SurfacePoints, Transforms,
     };
     let own = |name: &str| names.resolve(&format!("~/{name}"));
     // What is sent in parts is sent again to those who come, so it need not be kept: a reader of parts that are kept would show what is gone.
@@ -56,6 +61,7 @@ pub fn profiles(names: &Names) -> Vec<(Output, TopicProfile)> {
         (MovingPoints, own("moving_points"), "sensor_msgs/msg/PointCloud2", Reliable, 20),
         (Octomap, own("octomap"), "octomap_msgs/msg/Octomap", Latched, 1),
         (Grid, own("grid"), "nav_msgs/msg/OccupancyGrid", Latched, 1),
+        (GridUpdates, own("grid") + "_updates", "map_msgs/msg/OccupancyGridUpdate", Reliable, 50),
         (DistanceSlice, own("distance_slice"), "sensor_msgs/msg/PointCloud2", Latched, 1),
         (Path, own("path"), "nav_msgs/msg/Path", Latched, 1),
         (Frontier, own("frontier"), "visualization_msgs/msg/MarkerArray", Latched, 1),

@@ -1,0 +1,251 @@
+//! The 2-D map while the map changes: what changed is looked up between scans, and the floor is followed on a thread of its own.
+
+use super::floor_plan::{FloorPlan, GridSettings, PlanPart};
+use crate::tile_thread::lower_priority;
+use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
+use std::time::{Duration, Instant};
+use voxelastic::atlas::Atlas;
+use voxelastic_ground::{GroundError, GroundTiles, TilesCopy};
+
+/// It is made at most this often.
+const PERIOD: Duration = Duration::from_secs(1);
+/// Columns that are out of date are made for no longer than this at a time: a scan may wait for it.
+const SLICE: Duration = Duration::from_millis(20);
+/// After this time it is made of what there is, as more goes out of date meanwhile.
+const LONGEST: Duration = Duration::from_secs(2);
+
+/// So often all of it is published, if it has changed: for those who missed something.
+const WHOLE_PERIOD: Duration = Duration::from_secs(30);
+
+/// What to make a 2-D map of, and where the robot is.
+type Order = (TilesCopy, [f64; 3]);
+type Made = Result<FloorPlan, GroundError>;
+
+/// What is to be published.
+#[derive(Debug)]
+pub struct GridNews<'a> {
+    /// The map as it is.
+    pub whole: &'a FloorPlan,
+    /// What has changed since it was published last, if that is told by parts; the others get the whole map anyway.
+    pub parts: Option<Vec<PlanPart>>,
+}
+
+/// The 2-D map.
+#[derive(Debug)]
+pub struct LiveGrid {
+    settings: GridSettings,
+    /// Of the map, for the cells that it has now.
+    tiles: Option<GroundTiles>,
+    has_changed: bool,
+    /// Since when columns are being made for the next one.
+    since: Option<Instant>,
+    /// When the last one was ordered.
+    last: Option<Instant>,
+    thread: Option<GridThread>,
+    published: Option<FloorPlan>,
+    /// One that somebody has asked for, to be published.
+    asked: Option<FloorPlan>,
+    /// When all of it was published.
+    whole: Option<Instant>,
+    listeners: usize,
+    /// Whether it was said that there is no 2-D map.
+    has_warned: bool,
+}
+
+impl LiveGrid {
+    /// Of nothing yet.
+    pub fn new(settings: GridSettings) -> Self {
+        Self {
+            settings,
+            tiles: None,
+            has_changed: false,
+            since: None,
+            last: None,
+            thread: None,
+            published: None,
+            asked: None,
+            whole: None,
+            listeners: 0,
+            has_warned: false,
+        }
+    }
+
+    /// Notes that the map has changed.
+    pub fn note(&mut self) {
+        self.has_changed = true;
+    }
+
+    /// Has it made again as soon as may be.
+    pub fn hurry(&mut self) {
+        self.last = None;
+    }
+
+    /// Does some of the work that is due, and returns what is to be published. `robot` is where the sensor is in the map frame, metres. To be called in the mapper's threads; where
+    /// nobody listens, nothing is done.
+    pub fn step(&mut self, atlas: &Atlas, listeners: usize, robot: [f64; 3]) -> Option<GridNews<'_>> {
+        let has_come = listeners > std::mem::replace(&mut self.listeners, listeners);
+        if listeners == 0 {
+            return None;
+        }
+        self.has_changed |= has_come && self.published.is_none();
+        let made = self.thread.as_mut().and_then(GridThread::made);
+        // What was asked for is newer than what was ordered before.
+        let made = self.asked.take().map(Ok).or(made);
+        if made.is_none() {
+            let prepared = self.prepare(atlas, robot);
+            prepared.unwrap_or_else(|why| self.warn(&why));
+        }
+        match made.transpose() {
+            Ok(Some(plan)) => self.publish(plan, has_come),
+            Ok(None) if has_come => {
+                self.whole = Some(Instant::now());
+                self.published.as_ref().map(|whole| GridNews { whole, parts: None })
+            }
+            Ok(None) => None,
+            Err(why) => {
+                self.warn(&why);
+                None
+            }
+        }
+    }
+
+    /// Whether there is more to do at once.
+    pub fn is_busy(&self) -> bool {
+        self.listeners > 0 && (self.since.is_some() || self.thread.as_ref().is_some_and(|thread| thread.is_busy))
+    }
+
+    fn publish(&mut self, plan: FloorPlan, has_come: bool) -> Option<GridNews<'_>> {
+        let before = self.published.replace(plan);
+        let whole = self.published.as_ref()?;
+        let parts = before.and_then(|before| whole.parts_since(&before));
+        let is_same = parts.as_ref().is_some_and(Vec::is_empty);
+        let is_due = has_come || self.whole.is_none_or(|at| at.elapsed() >= WHOLE_PERIOD);
+        let parts = parts.filter(|_| !is_due);
+        if parts.is_none() && !(is_same && !has_come) {
+            self.whole = Some(Instant::now());
+        }
+        // Where nothing changed, nothing is told.
+        (!is_same || has_come).then_some(GridNews { whole, parts })
+    }
+
+    /// Looks up what has changed, for no longer than a scan may wait, and orders the next one.
+    fn prepare(&mut self, atlas: &Atlas, robot: [f64; 3]) -> Result<(), GroundError> {
+        let is_busy = self.thread.as_ref().is_some_and(|thread| thread.is_busy);
+        let is_due = self.has_changed && self.last.is_none_or(|last| last.elapsed() >= PERIOD);
+        if is_busy || (self.since.is_none() && !is_due) {
+            return Ok(());
+        }
+        let since = *self.since.get_or_insert_with(Instant::now);
+        // If it fails, it is tried again once the map has changed.
+        let has_changed = std::mem::take(&mut self.has_changed);
+        let resolution = self.settings.resolution(atlas);
+        let tiles = match up_to_date(&mut self.tiles, resolution, atlas, has_changed, (robot, SLICE)) {
+            Ok(tiles) => tiles,
+            Err(why) => {
+                (self.since, self.last) = (None, Some(Instant::now()));
+                return Err(why);
+            }
+        };
+        if tiles.is_stale() && since.elapsed() < LONGEST {
+            return Ok(());
+        }
+        self.has_changed |= tiles.is_stale();
+        (self.since, self.last) = (None, Some(Instant::now()));
+        let order = (tiles.copy(atlas), robot);
+        let start = || GridThread::start(self.settings);
+        self.thread.get_or_insert_with(start).order(order);
+        Ok(())
+    }
+
+    /// The map as it is now, all of it.
+    ///
+    /// # Errors
+    /// As [`FloorPlan::of`].
+    pub fn now(&mut self, atlas: &Atlas, robot: [f64; 3]) -> Made {
+        let body = self.settings.body;
+        let resolution = self.settings.resolution(atlas);
+        let tiles = up_to_date(&mut self.tiles, resolution, atlas, true, (robot, Duration::MAX))?;
+        let made = FloorPlan::of(tiles.copy(atlas), &body, robot)?;
+        self.asked = Some(made.clone());
+        Ok(made)
+    }
+
+    /// Says once why there is no 2-D map.
+    fn warn(&mut self, why: &GroundError) {
+        let is_first = !std::mem::replace(&mut self.has_warned, true);
+        if is_first && *why == GroundError::NoOccupancy {
+            // What is recorded has no grid then, and nobody asked for one.
+            tracing::info!("no 2-D map is published: {why}");
+        } else if is_first {
+            tracing::warn!("no 2-D map is published: {why}; {}", why.remedy());
+        }
+    }
+}
+
+/// Tiles of a map, made anew where they are out of date, those near `robot` first, for no longer than `time`.
+fn up_to_date<'a>(
+    kept: &'a mut Option<GroundTiles>,
+    resolution: f64,
+    atlas: &Atlas,
+    has_changed: bool,
+    (robot, time): ([f64; 3], Duration),
+) -> Result<&'a GroundTiles, GroundError> {
+    let before = kept.take().filter(|tiles| tiles.resolution() == resolution);
+    let is_new = before.is_none();
+    let mut tiles = before.map_or_else(|| GroundTiles::new(resolution, f64::from(atlas.voxel_size())), Ok)?;
+    if has_changed || is_new {
+        tiles.note(atlas)?;
+    }
+    if tiles.is_stale() {
+        tiles.make(atlas, [robot[0], robot[1]], time)?;
+    }
+    Ok(kept.insert(tiles))
+}
+
+/// The thread that follows the floor. It ends with its owner.
+#[derive(Debug)]
+struct GridThread {
+    orders: Sender<Order>,
+    made: Receiver<Made>,
+    is_busy: bool,
+}
+
+impl GridThread {
+    fn start(settings: GridSettings) -> Self {
+        let (orders, to_make) = channel::<Order>();
+        let (sender, made) = channel();
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(1).thread_name(|_| "grid".to_owned()).start_handler(|_| lower_priority()).build();
+        let work = move || {
+            while let Ok((tiles, robot)) = to_make.recv() {
+                let make = || FloorPlan::of(tiles, &settings.body, robot);
+                let made = match &pool {
+                    Ok(pool) => pool.install(make),
+                    // Without a thread of its own it shares those of others.
+                    Err(_) => make(),
+                };
+                if sender.send(made).is_err() {
+                    return;
+                }
+            }
+        };
+        // If it does not start, orders are lost, and no grid is shown.
+        if let Err(problem) = std::thread::Builder::new().name("grid".to_owned()).spawn(work) {
+            tracing::warn!("the 2-D map cannot be published: {problem}");
+        }
+        Self { orders, made, is_busy: false }
+    }
+
+    fn order(&mut self, order: Order) {
+        self.is_busy = self.orders.send(order).is_ok();
+    }
+
+    /// What was ordered, if it is made. Does not wait.
+    fn made(&mut self) -> Option<Made> {
+        if !self.is_busy {
+            return None;
+        }
+        let made = self.made.try_recv();
+        self.is_busy = matches!(made, Err(TryRecvError::Empty));
+        made.ok()
+    }
+}
