@@ -101,16 +101,13 @@ mod tests {
             let v = nalgebra::Vector3::from(vector.unwrap());
             assert!((m * v - v * values[0]).norm() < 1e-5);
         }
-        let flat: [[f64; 500]; 6] = {
-            let mut all = [[0.0; 500]; 6];
-            for l in 0..500 {
-                let scale = nalgebra::Vector3::new(random() * 1e-2, random(), 2.0 * random());
-                let a = Matrix3::from_fn(|_, _| random()) * Matrix3::from_diagonal(&scale);
-                let m = a * a.transpose();
-                [m.m11, m.m12, m.m13, m.m22, m.m23, m.m33].into_iter().enumerate().for_each(|(i, v)| all[i][l] = v);
-            }
-            all
-        };
+        let mut flat = [[0.0; 500]; 6];
+        (0..500).for_each(|l| {
+            let scale = nalgebra::Vector3::new(random() * 1e-2, random(), 2.0 * random());
+            let a = Matrix3::from_fn(|_, _| random()) * Matrix3::from_diagonal(&scale);
+            let m = a * a.transpose();
+            [m.m11, m.m12, m.m13, m.m22, m.m23, m.m33].into_iter().enumerate().for_each(|(i, v)| flat[i][l] = v);
+        });
         let ([low, middle], vectors) = smallest_eigenvectors(&flat);
         for l in 0..500 {
             let (values, vector) = smallest_eigenvector(std::array::from_fn(|i| flat[i][l]));

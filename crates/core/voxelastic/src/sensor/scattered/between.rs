@@ -89,8 +89,9 @@ impl<'a, N: Fn(usize) -> &'a [u32]> Kernel for LinkSearch<'_, N> {
                 }
                 let (middle, radius) = (way.map(|c| 0.5 * c), 0.4999 * apart);
                 let mut is_between = false;
-                for l in 0..LANES {
-                    let [x, y, z] = [ways[0][l] - middle[0], ways[1][l] - middle[1], ways[2][l] - middle[2]];
+                let [xs, ys, zs] = &ways;
+                for ((x, y), z) in xs.iter().zip(ys).zip(zs) {
+                    let [x, y, z] = [x - middle[0], y - middle[1], z - middle[2]];
                     is_between |= x * x + y * y + z * z < radius * radius;
                 }
                 if !is_between {

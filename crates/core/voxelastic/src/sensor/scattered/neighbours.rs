@@ -70,6 +70,16 @@ impl Neighbours {
         &self.all[i][..self.found[i].count as usize]
     }
 
+    /// Adds the neighbours of the neighbours of return `i`, themselves included, each once, to `all`; `seen` has for each return the last one that has it.
+    pub(super) fn of_neighbours(&self, i: u32, seen: &mut [u32], all: &mut Vec<u32>) {
+        for &j in self.of(i as usize).iter().flat_map(|&j| self.of(j as usize)) {
+            if seen[j as usize] != i {
+                seen[j as usize] = i;
+                all.push(j);
+            }
+        }
+    }
+
     /// Distance between returns that are spread evenly over a surface as those around return `i` are, metres.
     pub(super) fn spacing(&self, i: usize) -> f32 {
         let Found { count, reach } = self.found[i];

@@ -3,7 +3,7 @@
 use super::between::add_between;
 use super::cells::CellOrder;
 use super::neighbours::Neighbours;
-use super::plane::{Moments, Plane, fit, fit_wider};
+use super::plane::{Plane, fit, fit_wider};
 use crate::sensor::normals::NormalSettings;
 use crate::sensor::returns::Returns;
 use rayon::prelude::*;
@@ -25,12 +25,11 @@ pub(crate) struct ScatteredFitter {
     order: CellOrder,
     neighbours: Neighbours,
     planes: Vec<Plane>,
-    moments: Vec<Moments>,
 }
 
 impl ScatteredFitter {
     pub(crate) fn new(settings: NormalSettings) -> Self {
-        Self { settings, step: None, order: CellOrder::default(), neighbours: Neighbours::default(), planes: Vec::new(), moments: Vec::new() }
+        Self { settings, step: None, order: CellOrder::default(), neighbours: Neighbours::default(), planes: Vec::new() }
     }
 
     /// Sets the distance between points that are added between returns, metres.
@@ -45,19 +44,16 @@ impl ScatteredFitter {
 
     /// Fills the normals, roughness and spacing of `returns`, in the order of [`sort`](Self::sort), and adds points between them.
     pub(crate) fn fit(&mut self, returns: &mut Returns) {
-        let Self { settings, order, neighbours, planes, moments, .. } = self;
+        let Self { settings, order, neighbours, planes, .. } = self;
         let (points, origins) = (&returns.points[..], &returns.origins[..]);
         neighbours.find(points, &order.keys);
         planes.clear();
         planes.resize(points.len(), Plane::default());
-        moments.clear();
-        moments.resize(points.len(), Moments::default());
         let neighbours = &*neighbours;
-        let chunks = planes.par_chunks_mut(CHUNK).zip(moments.par_chunks_mut(CHUNK)).enumerate();
-        chunks.for_each(|(chunk, (planes, moments))| fit(points, neighbours, chunk * CHUNK, planes, moments));
+        planes.par_chunks_mut(CHUNK).enumerate().for_each(|(chunk, planes)| fit(points, neighbours, chunk * CHUNK, planes));
         let noise = settings.range_noise.unwrap_or_else(|| noise_of(planes));
         let chunks = planes.par_chunks_mut(CHUNK).enumerate();
-        chunks.for_each(|(chunk, planes)| accept(points, neighbours, moments, chunk * CHUNK, planes, noise, settings));
+        chunks.for_each(|(chunk, planes)| accept(points, neighbours, chunk * CHUNK, planes, noise, settings));
         planes
             .par_iter_mut()
             .zip(points)
@@ -81,15 +77,7 @@ impl ScatteredFitter {
 
 /// Accepts or rejects planes, those of the returns from `first` on. Where the neighbours are too near to each other for their noise, those of the neighbours tell
 /// more.
-fn accept(
-    points: &[[f32; 3]],
-    neighbours: &Neighbours,
-    moments: &[Moments],
-    first: usize,
-    planes: &mut [Plane],
-    noise: f32,
-    settings: &NormalSettings,
-) {
+fn accept(points: &[[f32; 3]], neighbours: &Neighbours, first: usize, planes: &mut [Plane], noise: f32, settings: &NormalSettings) {
     let mut uncertain = Vec::new();
     for (i, plane) in (first..).zip(&mut *planes) {
         plane.accept(noise, settings);
@@ -98,7 +86,7 @@ fn accept(
         }
     }
     let mut wider = vec![Plane::default(); uncertain.len()];
-    fit_wider(points, neighbours, moments, &uncertain, &mut wider);
+    fit_wider(points, neighbours, &uncertain, &mut wider);
     for (i, mut plane) in uncertain.into_iter().zip(wider) {
         plane.accept(noise, settings);
         planes[i as usize - first] = plane;
