@@ -12,5 +12,6 @@ pub mod stored;
 
 pub use aabb::{Aabb, box_around};
 pub use eigen::smallest_eigenvector;
+pub(crate) use eigen::smallest_eigenvectors;
 pub use pose::{Pose, PoseExt, Rigid};
 pub use pose_change::PoseChange;

@@ -9,6 +9,10 @@ use crate::sensor::{
 use crate::settings::{Dynamic, Settings};
 use std::borrow::Cow;
 
+/// Distance between points that are added between scattered returns, voxels: with nearer ones maps are not better, and take longer
+/// (docs/experiments/scans/scattered-clouds.md).
+const BETWEEN: f32 = 2.0;
+
 /// Prepares the scans of one sensor.
 #[derive(Debug)]
 pub struct Frontend {
@@ -42,7 +46,7 @@ impl Frontend {
         };
         let intensity_scale = first.intensity.as_deref().and_then(scale_of);
         let (mut preprocessor, has_tsdf) = (ScanPreprocessor::new(model, layout, limits), settings.field.has_tsdf());
-        preprocessor.fill_between(settings.voxel_size);
+        preprocessor.fill_between(BETWEEN * settings.voxel_size);
         Ok(Self { preprocessor, has_tsdf, description, intensity_scale, intensities: Vec::new(), colours: Vec::new() })
     }
 

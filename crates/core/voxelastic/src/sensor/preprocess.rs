@@ -5,7 +5,7 @@ use super::cloud_layout::CloudLayout;
 use super::normals::{NormalSettings, PlaneFitter};
 use super::prepared_scan::{Counts, PreparedScan};
 use super::project::{BEYOND, NO_RETURN, OUTSIDE, Projector, TOO_NEAR, project};
-use super::range_image::RangeImage;
+use super::range_image::{NO_POINT, RangeImage};
 use super::range_limits::RangeLimits;
 use super::scattered::ScatteredFitter;
 use crate::Cloud;
@@ -104,7 +104,9 @@ impl ScanPreprocessor {
         let has_moved = cloud.undistort_into(&mut self.moved, &mut self.origins);
         let moved = std::mem::take(&mut self.moved);
         let points = if has_moved { &moved } else { &cloud.points };
-        if in_pixel_order {
+        if matches!(self.fitter, Fitter::Space(_)) {
+            self.fill_scattered(points);
+        } else if in_pixel_order {
             self.fill_in_order(points);
         } else {
             self.fill_sorted(points);
@@ -174,8 +176,6 @@ impl ScanPreprocessor {
     /// Fills image and returns from a cloud in any order, by a counting sort by pixel.
     fn fill_sorted(&mut self, points: &[[f32; 3]]) {
         let PreparedScan { image, returns, counts, .. } = &mut self.scan;
-        // Of scattered clouds, returns outside of the image are used, too: they come last.
-        let (uses_all, mut without_pixel) = (matches!(self.fitter, Fitter::Space(_)), 0);
         self.ends.clear();
         self.ends.resize(image.ranges.len() + 1, 0);
         for (i, (&pixel, &range)) in self.pixels.iter().zip(&self.ranges).enumerate() {
@@ -192,11 +192,6 @@ impl ScanPreprocessor {
                         image.ranges[at] = f32::INFINITY;
                     }
                 }
-            } else if pixel == OUTSIDE && uses_all && range.is_finite() {
-                counts.usable += 1;
-                without_pixel += 1;
-            } else if pixel == OUTSIDE && uses_all {
-                counts.beyond_max += 1;
             } else {
                 count(counts, pixel);
             }
@@ -221,14 +216,35 @@ impl ScanPreprocessor {
                 (returns.points[slot], returns.ranges[slot]) = (point, range);
             }
         }
-        if without_pixel > 0 {
-            let first = counts.usable - without_pixel;
-            let outside = (0u32..).zip(&self.pixels).zip(&self.ranges).filter(|((_, pixel), range)| **pixel == OUTSIDE && range.is_finite());
-            for (slot, ((i, _), _)) in (first..).zip(outside) {
-                (returns.source[slot], returns.pixel[slot]) = (i, OUTSIDE);
-                (returns.points[slot], returns.ranges[slot]) = (points[i as usize], self.ranges[i as usize]);
+    }
+
+    /// Fills image and returns from a cloud that fits no image. Returns outside of the image are used, too.
+    fn fill_scattered(&mut self, points: &[[f32; 3]]) {
+        let Self { fitter, scan: PreparedScan { image, returns, counts, .. }, pixels, ranges, .. } = self;
+        returns.source.clear();
+        for ((&pixel, &range), i) in pixels.iter().zip(&*ranges).zip(0u32..) {
+            if pixel > OUTSIDE {
+                count(counts, pixel);
+            } else if !range.is_finite() {
+                counts.beyond_max += 1;
+                if let Some(shown) = image.ranges.get_mut(pixel as usize).filter(|shown| **shown == 0.0) {
+                    *shown = f32::INFINITY;
+                }
+            } else {
+                counts.usable += 1;
+                returns.source.push(i);
+                if pixel < OUTSIDE {
+                    counts.hidden += usize::from(image.points[pixel as usize] != NO_POINT);
+                    image.show(pixel as usize, range, i);
+                }
             }
         }
+        if let Fitter::Space(fitter) = fitter {
+            fitter.sort(points, &mut returns.source);
+        }
+        gather_into(points, &returns.source, &mut returns.points);
+        gather_into(pixels, &returns.source, &mut returns.pixel);
+        gather_into(ranges, &returns.source, &mut returns.ranges);
     }
 }
 

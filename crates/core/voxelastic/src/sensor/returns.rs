@@ -1,7 +1,8 @@
 //! The usable returns of a scan.
 
 /// The usable returns of one scan, one entry a return in all vectors: pixel by pixel (row-major), and within a pixel in the order of the cloud. Returns whose
-/// pixel shows a nearer one are included. Points between returns may follow them: of [scattered](crate::sensor::CloudLayout::Scattered) clouds.
+/// pixel shows a nearer one are included. Those of [scattered](crate::sensor::CloudLayout::Scattered) clouds are in the order of small cells in space, and points
+/// between them may follow.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Returns {
     /// The measured points, lidar frame at the cloud's time stamp, metres.
@@ -30,6 +31,17 @@ impl Returns {
     /// Number of usable returns, and points between them.
     pub fn len(&self) -> usize {
         self.points.len()
+    }
+
+    /// Makes room for `more` points between returns.
+    pub(super) fn reserve(&mut self, more: usize) {
+        let Self { points, normals, roughness, ranges, origins, source, pixel, spacing, .. } = self;
+        [points, normals].into_iter().for_each(|all| all.reserve(more));
+        [roughness, ranges, spacing].into_iter().for_each(|all| all.reserve(more));
+        [source, pixel].into_iter().for_each(|all| all.reserve(more));
+        if !origins.is_empty() {
+            origins.reserve(more);
+        }
     }
 
     /// Adds a point on the way from return `i` to return `j`, at `share` of it. What is not measured in metres is that of the nearer return.

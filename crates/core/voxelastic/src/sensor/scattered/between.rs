@@ -5,10 +5,14 @@
 //! added between neighbours, never beyond the outermost ones, so edges of surfaces stay where they are.
 
 use crate::sensor::returns::Returns;
+use crate::simd::{Kernel, dispatch};
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Returns of one task.
-const CHUNK: usize = 256;
+const CHUNK: usize = 1024;
+/// Neighbours of a return that are looked at together.
+const LANES: usize = super::neighbours::MOST;
 /// Least cosine of the angle between the planes of both returns.
 const LEAST_COSINE: f32 = 0.94;
 /// Largest distance of a return from the plane of the other, in standard deviations.
@@ -16,69 +20,91 @@ const ON_PLANE: f32 = 2.0;
 /// Neighbours farther apart than this many times the usual distance there are on both sides of a gap.
 const LONGEST: f32 = 2.5;
 /// Most points between two returns.
-const MOST: usize = 16;
+const MOST: u32 = 16;
 
-/// A point between two returns.
-struct Between {
-    from: u32,
-    to: u32,
-    share: f32,
-}
-
-/// Adds points at most `step` metres apart between returns on one plane, after all measured ones. `spread` is the standard deviation of returns from their plane.
+/// Adds points at most `step` metres apart between returns on one plane, after all measured ones. `spread` is the standard deviation of returns from their plane;
+/// `neighbours` gives at most [`LANES`] of a return.
 pub(super) fn add_between<'a>(returns: &mut Returns, neighbours: impl Fn(usize) -> &'a [u32] + Sync, spread: f32, step: f32) {
     let measured = returns.points.len();
-    let (all, neighbours) = (&*returns, &neighbours);
-    let of_one = |i: usize| {
-        let links = neighbours(i).iter().map(|&j| j as usize).filter(move |&j| j != i);
-        // Each pair once: from the lower index, if both are neighbours of each other, else from the one that has the other.
-        links.filter(move |&j| (i < j || !neighbours(j).contains(&(i as u32))) && are_linked(all, i, j, neighbours(i), spread)).collect::<Vec<_>>()
-    };
-    let points: Vec<Vec<Between>> = (0..measured)
-        .into_par_iter()
-        .with_min_len(CHUNK)
-        .map(|i| {
-            let mut points = Vec::new();
-            for j in of_one(i) {
-                let steps = ((distance(all.points[i], all.points[j]) / step).ceil() as usize).clamp(1, MOST);
-                points.extend((1..steps).map(|s| Between { from: i as u32, to: j as u32, share: s as f32 / steps as f32 }));
-            }
-            points
-        })
-        .collect();
+    let all = &*returns;
+    let chunks = (0..measured.div_ceil(CHUNK)).into_par_iter().map(|chunk| {
+        let mut links = Vec::new();
+        let range = chunk * CHUNK..measured.min((chunk + 1) * CHUNK);
+        dispatch(LinkSearch { returns: all, neighbours: &neighbours, spread, step, range, links: &mut links });
+        links
+    });
+    let links: Vec<Vec<Link>> = chunks.collect();
     returns.measured = measured;
-    for Between { from, to, share } in points.into_iter().flatten() {
-        let (i, j) = (from as usize, to as usize);
-        returns.push_between(i, j, share);
+    returns.reserve(links.iter().flatten().map(|link| link.steps as usize - 1).sum());
+    for Link { from, to, steps } in links.into_iter().flatten() {
+        (1..steps).for_each(|s| returns.push_between(from as usize, to as usize, s as f32 / steps as f32));
     }
 }
 
-fn distance(a: [f32; 3], b: [f32; 3]) -> f32 {
-    (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f32>().sqrt()
+/// Neighbours between which points are added, at the ends of `steps` - 1 equal steps.
+struct Link {
+    from: u32,
+    to: u32,
+    steps: u32,
 }
 
-/// Whether returns `i` and `j` are neighbours on one plane; `around` are the returns around `i`.
-fn are_linked(returns: &Returns, i: usize, j: usize, around: &[u32], spread: f32) -> bool {
-    let (p, q) = (returns.points[i], returns.points[j]);
-    let (m, n) = (returns.normals[i], returns.normals[j]);
-    let dot = |a: [f32; 3], b: [f32; 3]| (0..3).map(|k| a[k] * b[k]).sum::<f32>();
-    // Zero normals have no cosine.
-    if dot(m, n) < LEAST_COSINE {
-        return false;
+/// A search for the links of a range of returns.
+struct LinkSearch<'a, N> {
+    returns: &'a Returns,
+    neighbours: &'a N,
+    spread: f32,
+    step: f32,
+    range: Range<usize>,
+    links: &'a mut Vec<Link>,
+}
+
+impl<'a, N: Fn(usize) -> &'a [u32]> Kernel for LinkSearch<'_, N> {
+    #[inline(always)]
+    fn run(self) {
+        let Self { returns: Returns { points, normals, spacing, .. }, neighbours, spread, step, range, links } = self;
+        for i in range {
+            let (p, m) = (points[i], normals[i]);
+            if m == [0.0; 3] {
+                continue;
+            }
+            let around = neighbours(i);
+            let mut ways = [[f32::INFINITY; LANES]; 3];
+            for (l, &j) in around.iter().take(LANES).enumerate() {
+                (0..3).for_each(|k| ways[k][l] = points[j as usize][k] - p[k]);
+            }
+            let squares: [f32; LANES] = std::array::from_fn(|l| ways[0][l] * ways[0][l] + ways[1][l] * ways[1][l] + ways[2][l] * ways[2][l]);
+            let is_needed: [bool; LANES] = std::array::from_fn(|l| (squares[l] > step * step) & (squares[l] < f32::INFINITY));
+            for (l, &j) in around.iter().take(LANES).enumerate().filter(|(l, _)| is_needed[*l]) {
+                let (j, n, way) = (j as usize, normals[j as usize], [ways[0][l], ways[1][l], ways[2][l]]);
+                let apart = squares[l].sqrt();
+                // Farther apart, planes may be a little more apart: noise of their direction. Zero normals have no cosine.
+                let off = dot(way, m).abs().max(dot(way, n).abs());
+                let is_on_plane = (dot(m, n) >= LEAST_COSINE) & (off <= ON_PLANE * spread + 0.03 * apart);
+                if !is_on_plane || apart > LONGEST * spacing[i].max(spacing[j]) {
+                    continue;
+                }
+                // Each pair once: from the lower index, if both are neighbours of each other, else from the one that has the other.
+                if j < i && neighbours(j).contains(&(i as u32)) {
+                    continue;
+                }
+                let (middle, radius) = (way.map(|c| 0.5 * c), 0.4999 * apart);
+                let mut is_between = false;
+                let [xs, ys, zs] = &ways;
+                for ((x, y), z) in xs.iter().zip(ys).zip(zs) {
+                    let [x, y, z] = [x - middle[0], y - middle[1], z - middle[2]];
+                    is_between |= x * x + y * y + z * z < radius * radius;
+                }
+                if !is_between {
+                    links.push(Link { from: i as u32, to: j as u32, steps: ((apart / step).ceil() as u32).clamp(1, MOST) });
+                }
+            }
+        }
     }
-    let way: [f32; 3] = std::array::from_fn(|k| q[k] - p[k]);
-    let apart = dot(way, way).sqrt();
-    let off = dot(way, m).abs().max(dot(way, n).abs());
-    // Farther apart, planes may be a little more apart: noise of their direction.
-    if off > ON_PLANE * spread + 0.03 * apart || apart > LONGEST * returns.spacing[i].max(returns.spacing[j]) {
-        return false;
-    }
-    let middle: [f32; 3] = std::array::from_fn(|k| 0.5 * (p[k] + q[k]));
-    let is_between = |&k: &u32| {
-        let k = k as usize;
-        k != i && k != j && distance(returns.points[k], middle) < 0.4999 * apart
-    };
-    !around.iter().any(is_between)
+}
+
+#[inline(always)]
+fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 #[cfg(test)]
