@@ -1,4 +1,4 @@
-//! Geometry shared by all rooms: rigid transforms, axis-aligned boxes and Morton keys.
+//! Geometry shared by all rooms: rigid transforms, axis-aligned boxes, Morton keys and a sort by them.
 //!
 //! Poses are [`Pose`]s in double precision and named after their frames, as in `t_map_lidar`; hot loops move points with the same
 //! transform as a single-precision matrix, [`Rigid`]. Lengths are in metres, angles in radians.
@@ -8,6 +8,7 @@ mod eigen;
 pub mod morton;
 pub mod pose;
 mod pose_change;
+mod radix_sort;
 pub mod stored;
 
 pub use aabb::{Aabb, box_around};
@@ -15,3 +16,4 @@ pub use eigen::smallest_eigenvector;
 pub(crate) use eigen::smallest_eigenvectors;
 pub use pose::{Pose, PoseExt, Rigid};
 pub use pose_change::PoseChange;
+pub(crate) use radix_sort::sort_by_bits;

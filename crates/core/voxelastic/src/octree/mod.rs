@@ -15,7 +15,6 @@ mod disjoint_mut;
 mod layout;
 mod pool;
 mod prefetch;
-mod radix_sort;
 mod slab;
 mod tree;
 
@@ -24,6 +23,5 @@ pub(crate) use disjoint_mut::{DisjointMut, SlotPtr, assert_distinct};
 pub use layout::{BLOCK_EDGE, BLOCK_SHIFT, MAX_BLOCK_COORD, NONE, SCALES, block_coords, block_key, edge_at, voxel_coords, voxel_index, voxels_at};
 pub(crate) use pool::Pool;
 pub(crate) use prefetch::{prefetch, prefetch_item};
-pub(crate) use radix_sort::sort_by_bits;
 pub(crate) use slab::{Slab, SlabAllocator, SlotBatch};
 pub use tree::{Octant, Octree};

@@ -1,8 +1,7 @@
 //! Many points in the order of where they are: what is looked up for one of them is at hand for the next.
 
 use super::shape::moved;
-use crate::geometry::{Pose, morton};
-use crate::octree::sort_by_bits;
+use crate::geometry::{Pose, morton, sort_by_bits};
 use rayon::prelude::*;
 
 /// Fewer points than this are looked up one by one: few of them share a block.

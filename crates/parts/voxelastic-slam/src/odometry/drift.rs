@@ -5,15 +5,13 @@
 //! themselves, by small errors to one side of the map, and with the distance by what the ranges of a sensor are wrong as a whole. The constants are those under which true errors of recorded and
 //! simulated drives are within 1, 2 and 3 standard deviations as often as they should be, or more often (docs/experiments/elastic/drift.md).
 
-use super::report::{OdometryReport, Status};
+use super::report::{OdometryReport, Status, registration_covariance};
 use crate::graph::{adjoint, symmetric, upper_triangle};
 use crate::registration::{LocalMap, Surfel};
-use nalgebra::{Matrix6, Point3, SymmetricEigen, Vector6};
+use nalgebra::{Matrix6, Point3, Vector6};
 use serde::{Deserialize, Serialize};
 use voxelastic::geometry::{Pose, PoseExt};
 
-/// Less information than this in a direction is none, inverse square metres and radians.
-const LEAST_INFORMATION: f64 = 1e-2;
 /// One piece of this many is asked how old it is.
 const ASKED: usize = 4;
 /// Share of the path on which errors add up although the surfaces are known: nearer ones are seen better.
@@ -77,13 +75,6 @@ pub fn covariance_between(reports: &[OdometryReport]) -> Option<Matrix6<f64>> {
     let own = |report: &OdometryReport| if report.status == Status::First { Matrix6::zeros() } else { registration_covariance(&report.information) };
     let grown = placed.windows(2).fold(own(first), |sum, pair| carried(&sum, &pair[0].t_map_lidar.inv_mul(&pair[1].t_map_lidar)) + pair[1].growth);
     Some(grown + own(last) + scale(first.t_map_lidar.translation_distance(&last.t_map_lidar)))
-}
-
-/// Covariance of a registration by its information.
-pub(super) fn registration_covariance(information: &Matrix6<f64>) -> Matrix6<f64> {
-    let eigen = SymmetricEigen::new(*information);
-    let variances = eigen.eigenvalues.map(|value| 1.0 / value.max(LEAST_INFORMATION));
-    eigen.eigenvectors * Matrix6::from_diagonal(&variances) * eigen.eigenvectors.transpose()
 }
 
 /// The covariance of an error in the frame of a scan as that of the error that it causes after a motion.

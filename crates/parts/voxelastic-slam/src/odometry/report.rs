@@ -1,14 +1,16 @@
 //! What the odometry says about a scan.
 
-use super::drift::registration_covariance;
 use super::level::Level;
 use super::vertical::MeasuredVertical;
 use crate::graph::{default_information, upper_triangle};
-use nalgebra::{Matrix6, Vector6};
+use nalgebra::{Matrix6, SymmetricEigen, Vector6};
 use std::fmt::{self, Display};
 use std::time::Duration;
 use voxelastic::geometry::Pose;
 use voxelastic::motion::Motion;
+
+/// Less information than this in a direction is none, inverse square metres and radians.
+const LEAST_INFORMATION: f64 = 1e-2;
 
 /// The outcome for one scan.
 #[derive(Clone, Debug)]
@@ -89,6 +91,13 @@ impl OdometryReport {
         let information = (drift + registration_covariance(&self.information)).cholesky().map_or_else(Matrix6::zeros, |whole| whole.inverse());
         upper_triangle(&information)
     }
+}
+
+/// Covariance of a registration by its information.
+pub(super) fn registration_covariance(information: &Matrix6<f64>) -> Matrix6<f64> {
+    let eigen = SymmetricEigen::new(*information);
+    let variances = eigen.eigenvalues.map(|value| 1.0 / value.max(LEAST_INFORMATION));
+    eigen.eigenvectors * Matrix6::from_diagonal(&variances) * eigen.eigenvectors.transpose()
 }
 
 /// Whether a pose can be used.

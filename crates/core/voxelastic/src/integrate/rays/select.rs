@@ -2,8 +2,8 @@
 
 use super::dda::LANES;
 use super::ray::Ray;
-use crate::geometry::morton;
-use crate::octree::{BLOCK_EDGE, block_key, sort_by_bits};
+use crate::geometry::{morton, sort_by_bits};
+use crate::octree::{BLOCK_EDGE, block_key};
 use crate::simd::floor_positive;
 use crate::simd::larger;
 use crate::simd::{Kernel, dispatch};

@@ -1,7 +1,6 @@
 //! Returns in the order of cells within cells, so that the returns of every cell of every size follow each other.
 
-use crate::geometry::morton;
-use crate::octree::sort_by_bits;
+use crate::geometry::{morton, sort_by_bits};
 
 /// Edge of the smallest cells, metres.
 pub(super) const EDGE: f32 = 0.04;

@@ -11,6 +11,7 @@ use voxelastic_io::bag::{Recording, describe};
 use voxelastic_io::ouster::{Capture as OusterCapture, datagrams};
 use voxelastic_io::raw::{self, TimedScan};
 use voxelastic_io::{Error, OpenOptions, clouds};
+use voxelastic_testing::run_python;
 
 /// By how much the clock of the machine is ahead of the sensor's, seconds.
 const AHEAD: f64 = 1000.0;
@@ -78,6 +79,37 @@ fn packets_of_every_type_are_the_scans_of_the_capture() {
         bag.add_packets(("/rslidar_packets_difop", "rslidar_msgs/rslidarPacket"), &packets(room(), &[7788]));
         bag.write(&path);
         check_scans(&path, START + AHEAD + 0.0015, 3, 57_640, 0.006);
+    }
+}
+
+/// Writes the messages of a bag in sqlite into MCAP, as the library of that format does.
+const TO_MCAP: &str = r#"
+import sqlite3
+import sys
+
+from mcap.writer import Writer
+
+database = sqlite3.connect(sys.argv[1])
+with open(sys.argv[2], "wb") as file:
+    writer = Writer(file)
+    writer.start("ros2")
+    channels = {}
+    for topic, name, kind in database.execute("SELECT id, name, type FROM topics"):
+        channels[topic] = writer.register_channel(name, "cdr", writer.register_schema(kind, "ros2msg", b""))
+    for topic, time, data in database.execute("SELECT topic_id, timestamp, data FROM messages ORDER BY timestamp"):
+        writer.add_message(channels[topic], time, data, time)
+    writer.finish()
+"#;
+
+#[test]
+fn packets_in_mcap_are_the_scans_of_the_capture() {
+    let dir = tempfile::tempdir().unwrap();
+    let [sqlite, mcap] = ["a.db3", "a.mcap"].map(|name| dir.path().join(name));
+    let mut bag = Bag::new(true);
+    bag.add_packets(VELODYNE, &vlp_16());
+    bag.write(&sqlite);
+    if run_python("mcap", TO_MCAP, &[&sqlite, &mcap]).is_some() {
+        check_scans(&mcap, START + AHEAD + 0.0015, 3, 28_900, 0.006);
     }
 }
 
