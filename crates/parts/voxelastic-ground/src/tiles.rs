@@ -79,7 +79,7 @@ impl GroundTiles {
         let lattice = self.lattice;
         let size = query.bounds().size().map(|c| f64::from(c) / lattice.resolution);
         // The box around all may be larger than that around what is known in the map frame.
-        if f64::from(size[0]) * f64::from(size[1]) > 4.0 * MOST_CELLS as f64 {
+        if size[0] * size[1] > 4.0 * MOST_CELLS as f64 {
             return Err(GroundError::TooLarge { size: [0, 1].map(|k| size[k] as usize), high: (size[2] * lattice.side as f64) as usize });
         }
         let (stale, mut last) = (&mut self.stale, None);

@@ -119,13 +119,14 @@ impl LiveGrid {
         let whole = self.published.as_ref()?;
         let parts = before.and_then(|before| whole.parts_since(&before));
         let is_same = parts.as_ref().is_some_and(Vec::is_empty);
+        // Where nothing changed, nothing is told.
+        let is_told = has_come || !is_same;
         let is_due = has_come || self.whole.is_none_or(|at| at.elapsed() >= WHOLE_PERIOD);
         let parts = parts.filter(|_| !is_due);
-        if parts.is_none() && !(is_same && !has_come) {
+        if is_told && parts.is_none() {
             self.whole = Some(Instant::now());
         }
-        // Where nothing changed, nothing is told.
-        (!is_same || has_come).then_some(GridNews { whole, parts })
+        is_told.then_some(GridNews { whole, parts })
     }
 
     /// Looks up what has changed, for no longer than a scan may wait, and orders the next one.
