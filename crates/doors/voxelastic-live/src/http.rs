@@ -2,7 +2,7 @@
 //!
 //! Scans come before those who look: connections are few enough that descriptors remain for data and for saving.
 
-use crate::tile_thread::lower_priority;
+use crate::worker::lower_priority;
 use axum::extract::{Request, State};
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::middleware::{Next, from_fn_with_state};

@@ -36,3 +36,4 @@ pub mod transport;
 mod udp;
 pub mod viewer;
 pub mod wire;
+mod worker;

@@ -1,7 +1,7 @@
-//! The thread that makes tiles of the surface, beside the mapper: it has a copy of what it needs, so that no scan waits for it.
+//! The thread that makes tiles of the surface, beside the mapper.
 
+use crate::worker::Worker;
 use std::sync::Arc;
-use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
 use std::time::{Duration, Instant};
 use voxelastic::meshing::{TileKey, TileMaker, TileWork};
 use voxelastic::surface::{Mesh, MeshOptions};
@@ -28,58 +28,28 @@ pub struct Delivery<T> {
 
 /// A thread that makes tiles, with helpers of its own. It ends with its owner.
 #[derive(Debug)]
-pub struct TileThread<T> {
-    orders: Sender<Order<T>>,
-    deliveries: Receiver<Delivery<T>>,
-    is_busy: bool,
-}
+pub struct TileThread<T>(Worker<Order<T>, Delivery<T>>);
 
 impl<T: Send + 'static> TileThread<T> {
     /// Starts it, with `threads` threads of low priority.
     pub fn start(options: MeshOptions, threads: usize) -> Self {
-        let (orders, to_make) = channel::<Order<T>>();
-        let (made, deliveries) = channel();
-        let pool =
-            rayon::ThreadPoolBuilder::new().num_threads(threads).thread_name(|_| "surface".to_owned()).start_handler(|_| lower_priority()).build();
-        let work = move || {
-            let mut maker = TileMaker::new(options);
-            while let Ok(order) = to_make.recv() {
-                let mut make = || Delivery::of(&mut maker, &order);
-                let delivery = match &pool {
-                    Ok(pool) => pool.install(make),
-                    // Without threads of its own it shares those of others.
-                    Err(_) => make(),
-                };
-                if made.send(delivery).is_err() {
-                    return;
-                }
-            }
-        };
-        // If it does not start, orders are lost, and the surface is not shown.
-        if let Err(problem) = std::thread::Builder::new().name("surface".to_owned()).spawn(work) {
-            tracing::warn!("the surface cannot be shown: {problem}");
-        }
-        Self { orders, deliveries, is_busy: false }
+        let mut maker = TileMaker::new(options);
+        Self(Worker::start("surface", threads, move |order| Delivery::of(&mut maker, &order)))
     }
 
     /// Whether tiles are being made.
     pub fn is_busy(&self) -> bool {
-        self.is_busy
+        self.0.is_busy()
     }
 
     /// Has tiles made. To be called only while it is not busy.
     pub fn order(&mut self, work: TileWork, finish: Finish<T>) {
-        self.is_busy = self.orders.send(Order { work, finish }).is_ok();
+        self.0.order(Order { work, finish });
     }
 
     /// The tiles that were ordered, if they are made. Does not wait.
     pub fn delivery(&mut self) -> Option<Delivery<T>> {
-        if !self.is_busy {
-            return None;
-        }
-        let delivery = self.deliveries.try_recv();
-        self.is_busy = matches!(delivery, Err(TryRecvError::Empty));
-        delivery.ok()
+        self.0.made()
     }
 }
 
@@ -92,11 +62,4 @@ impl<T: Send> Delivery<T> {
         let tiles = made.meshes.into_par_iter().map(finish).collect();
         Self { tiles, again: made.again, took: begin.elapsed() }
     }
-}
-
-/// Gives the calling thread a low priority: on a core that it shares with a scan it gets about a tenth of the time, so that there is something to see even if scans come as fast
-/// as they can be mapped. If the system refuses, the priority stays as it is.
-pub(crate) fn lower_priority() {
-    #[cfg(target_os = "linux")]
-    let _ = rustix::process::nice(10);
 }

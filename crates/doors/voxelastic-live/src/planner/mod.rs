@@ -17,7 +17,7 @@ mod scans;
 mod settings;
 mod worker;
 
-use crate::tile_thread::lower_priority;
+use crate::worker::lower_priority;
 use copy::Copied;
 pub use plan::{Command, Plan, PlanState};
 use scans::NearScans;

@@ -1,8 +1,7 @@
 //! The 2-D map while the map changes: what changed is looked up between scans, and the floor is followed on a thread of its own.
 
 use super::floor_plan::{FloorPlan, GridSettings, PlanPart};
-use crate::tile_thread::lower_priority;
-use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
+use crate::worker::Worker;
 use std::time::{Duration, Instant};
 use voxelastic::atlas::Atlas;
 use voxelastic_ground::{GroundError, GroundTiles, TilesCopy};
@@ -41,7 +40,8 @@ pub struct LiveGrid {
     since: Option<Instant>,
     /// When the last one was ordered.
     last: Option<Instant>,
-    thread: Option<GridThread>,
+    /// Follows the floor.
+    thread: Option<Worker<Order, Made>>,
     published: Option<FloorPlan>,
     /// One that somebody has asked for, to be published.
     asked: Option<FloorPlan>,
@@ -88,7 +88,7 @@ impl LiveGrid {
             return None;
         }
         self.has_changed |= has_come && self.published.is_none();
-        let made = self.thread.as_mut().and_then(GridThread::made);
+        let made = self.thread.as_mut().and_then(Worker::made);
         // What was asked for is newer than what was ordered before.
         let made = self.asked.take().map(Ok).or(made);
         if made.is_none() {
@@ -111,7 +111,7 @@ impl LiveGrid {
 
     /// Whether there is more to do at once.
     pub fn is_busy(&self) -> bool {
-        self.listeners > 0 && (self.since.is_some() || self.thread.as_ref().is_some_and(|thread| thread.is_busy))
+        self.listeners > 0 && (self.since.is_some() || self.thread.as_ref().is_some_and(Worker::is_busy))
     }
 
     fn publish(&mut self, plan: FloorPlan, has_come: bool) -> Option<GridNews<'_>> {
@@ -131,7 +131,7 @@ impl LiveGrid {
 
     /// Looks up what has changed, for no longer than a scan may wait, and orders the next one.
     fn prepare(&mut self, atlas: &Atlas, robot: [f64; 3]) -> Result<(), GroundError> {
-        let is_busy = self.thread.as_ref().is_some_and(|thread| thread.is_busy);
+        let is_busy = self.thread.as_ref().is_some_and(Worker::is_busy);
         let is_due = self.has_changed && self.last.is_none_or(|last| last.elapsed() >= PERIOD);
         if is_busy || (self.since.is_none() && !is_due) {
             return Ok(());
@@ -153,7 +153,8 @@ impl LiveGrid {
         self.has_changed |= tiles.is_stale();
         (self.since, self.last) = (None, Some(Instant::now()));
         let order = (tiles.copy(atlas), robot);
-        let start = || GridThread::start(self.settings);
+        let body = self.settings.body;
+        let start = || Worker::start("2-D map", 1, move |(tiles, robot): Order| FloorPlan::of(tiles, &body, robot));
         self.thread.get_or_insert_with(start).order(order);
         Ok(())
     }
@@ -201,52 +202,4 @@ fn up_to_date<'a>(
         tiles.make(atlas, [robot[0], robot[1]], time)?;
     }
     Ok(kept.insert(tiles))
-}
-
-/// The thread that follows the floor. It ends with its owner.
-#[derive(Debug)]
-struct GridThread {
-    orders: Sender<Order>,
-    made: Receiver<Made>,
-    is_busy: bool,
-}
-
-impl GridThread {
-    fn start(settings: GridSettings) -> Self {
-        let (orders, to_make) = channel::<Order>();
-        let (sender, made) = channel();
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(1).thread_name(|_| "grid".to_owned()).start_handler(|_| lower_priority()).build();
-        let work = move || {
-            while let Ok((tiles, robot)) = to_make.recv() {
-                let make = || FloorPlan::of(tiles, &settings.body, robot);
-                let made = match &pool {
-                    Ok(pool) => pool.install(make),
-                    // Without a thread of its own it shares those of others.
-                    Err(_) => make(),
-                };
-                if sender.send(made).is_err() {
-                    return;
-                }
-            }
-        };
-        // If it does not start, orders are lost, and no grid is shown.
-        if let Err(problem) = std::thread::Builder::new().name("grid".to_owned()).spawn(work) {
-            tracing::warn!("the 2-D map cannot be published: {problem}");
-        }
-        Self { orders, made, is_busy: false }
-    }
-
-    fn order(&mut self, order: Order) {
-        self.is_busy = self.orders.send(order).is_ok();
-    }
-
-    /// What was ordered, if it is made. Does not wait.
-    fn made(&mut self) -> Option<Made> {
-        if !self.is_busy {
-            return None;
-        }
-        let made = self.made.try_recv();
-        self.is_busy = matches!(made, Err(TryRecvError::Empty));
-        made.ok()
-    }
 }
