@@ -13,8 +13,9 @@ fn initial_pose(message: &[u8]) -> Option<Request> {
     for variance in &mut variances {
         *variance = reader.f64()?;
     }
-    let sigma = variances[0].max(variances[7]).max(0.0).sqrt();
-    Some(Request::InitialPose { place, sigma: if sigma.is_finite() { sigma } else { 0.0 } })
+    // What is no number is not known.
+    let variance = if variances[0].is_nan() || variances[7].is_nan() { f64::INFINITY } else { variances[0].max(variances[7]) };
+    Some(Request::InitialPose { place, sigma: variance.max(0.0).sqrt() })
 }
 
 /// Listens to `/initialpose` (`geometry_msgs/PoseWithCovarianceStamped`), as viewers publish it.
@@ -41,7 +42,12 @@ mod tests {
     fn a_pose_is_read_with_how_sure_it_is() {
         let mut variances = [0.0; 36];
         (variances[0], variances[7], variances[35]) = (0.25, 4.0, 9.0);
-        let message = MessageWriter::new().u32(5).u32(0).text("map").f64s(&[1.0, 2.0, 0.0, 0.0, 0.0, 1.0, 0.0]).f64s(&variances).finish();
+        let message = |variances: &[f64; 36]| {
+            MessageWriter::new().u32(5).u32(0).text("map").f64s(&[1.0, 2.0, 0.0, 0.0, 0.0, 1.0, 0.0]).f64s(variances).finish()
+        };
+        let unknown = initial_pose(&message(&[f64::NAN; 36]));
+        assert!(matches!(unknown, Some(Request::InitialPose { sigma: f64::INFINITY, .. })), "{unknown:?}");
+        let message = message(&variances);
         let Some(Request::InitialPose { place, sigma }) = initial_pose(&message) else { panic!() };
         assert_eq!((place.frame.as_str(), place.stamp, sigma), ("map", Some(5.0), 2.0));
         assert!((place.pose.rotation.angle() - std::f64::consts::PI).abs() < 1e-9 && place.pose.translation.y == 2.0);
