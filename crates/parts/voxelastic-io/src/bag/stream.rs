@@ -139,12 +139,14 @@ pub(super) struct SensorMessages {
     packets: BTreeMap<u16, TopicScans>,
     /// How often clouds of each sensor come.
     intervals: BTreeMap<u16, Interval>,
+    /// The frame of the first cloud of each sensor, and whether it was said that others came.
+    frames: BTreeMap<u16, (String, bool)>,
 }
 
 impl SensorMessages {
     pub(super) fn new(topics: StreamTopics) -> Self {
         let intervals = (0..).zip(topics.intervals.iter().cloned()).collect();
-        Self { topics, pending: VecDeque::new(), packets: BTreeMap::new(), intervals }
+        Self { topics, pending: VecDeque::new(), packets: BTreeMap::new(), intervals, frames: BTreeMap::new() }
     }
 
     pub(super) fn topics(&self) -> &StreamTopics {
@@ -154,6 +156,16 @@ impl SensorMessages {
     /// What is left of the last message.
     pub(super) fn pending(&mut self) -> Option<SensorMessage> {
         self.pending.pop_front()
+    }
+
+    /// Says it, once for each sensor, if its clouds come in several frames: they would be those of several sensors.
+    fn check_frame(&mut self, sensor: u16, topic: &str, frame: &str) {
+        let (first, is_said) = self.frames.entry(sensor).or_insert_with(|| (frame.to_owned(), false));
+        if first != frame && !std::mem::replace(is_said, true) {
+            tracing::warn!(
+                "clouds of {topic} come in several frames ({first}, {frame}) and are taken for those of one sensor: with poses each is placed by its frame, without poses the map is wrong; have each sensor publish to a topic of its own"
+            );
+        }
     }
 
     /// Takes packets, and the scans that they complete.
@@ -205,6 +217,7 @@ impl SensorMessages {
             let time = self.topics.time(&message, header.time);
             let bytes = message.message.data.len();
             let sensor = self.topics.sensor(&message.topic.name, &header.frame);
+            self.check_frame(sensor, &message.topic.name, &header.frame);
             let decode = Box::new(move || message.cloud());
             let interval_s = self.intervals.entry(sensor).or_default().after(time);
             return Ok(SensorMessage::Cloud(CloudMessage { time, frame: header.frame, sensor, interval_s, has_times, bytes, decode }));
