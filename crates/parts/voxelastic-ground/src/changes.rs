@@ -28,26 +28,26 @@ struct LookedAt {
 impl Looked {
     /// Looks at the map, and calls `mark` with boxes of the map frame that contain all that has changed since the last time: states of space, and surfaces.
     pub fn look(&mut self, atlas: &Atlas, mut mark: impl FnMut(Box3)) {
-        let mut before = std::mem::take(&mut self.0);
+        let mut gone = std::mem::take(&mut self.0);
         let count = atlas.submaps().len();
         for (k, (submap, t_map_submap)) in atlas.placed().enumerate() {
             let key = (submap.id(), k >= count);
-            let seen = before.remove(&key);
+            let before = gone.remove(&key);
             let mut now = LookedAt {
                 t_map_submap,
                 occupancy: submap.occupancy().revision(),
                 surface: submap.surface_state(),
-                bounds: seen.as_ref().map_or(NOTHING, |seen| seen.bounds),
+                bounds: before.as_ref().map_or(NOTHING, |before| before.bounds),
             };
-            let grown = seen.as_ref().is_some_and(|seen| seen.t_map_submap == t_map_submap && now.grow(seen, submap, &mut mark));
+            let grown = before.as_ref().is_some_and(|before| before.t_map_submap == t_map_submap && now.grow(before, submap, &mut mark));
             if !grown {
-                seen.iter().for_each(|seen| seen.mark_all(&mut mark));
+                before.iter().for_each(|before| before.mark_all(&mut mark));
                 now.bounds = around_all(submap);
                 now.mark_all(&mut mark);
             }
             self.0.insert(key, now);
         }
-        before.values().for_each(|gone| gone.mark_all(&mut mark));
+        gone.values().for_each(|gone| gone.mark_all(&mut mark));
     }
 }
 

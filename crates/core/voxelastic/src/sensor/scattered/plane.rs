@@ -82,7 +82,7 @@ impl MomentLanes {
         let central = |i: usize, a: usize, b: usize| -> [f64; LANES] {
             std::array::from_fn(|l| f64::from(self.products[i][l]) - f64::from(self.sum[a][l]) * f64::from(mean[b][l]))
         };
-        let covariance = [central(0, 0, 0), central(1, 0, 1), central(2, 0, 2), central(3, 1, 1), central(4, 1, 2), central(5, 2, 2)];
+        let covariance = std::array::from_fn(|i| central(i, PAIRS[i][0], PAIRS[i][1]));
         let ([least, middle], normals) = smallest_eigenvectors(&covariance);
         for (l, (plane, origin)) in planes.iter_mut().zip(origins).enumerate() {
             let count = self.count[l];
