@@ -3,7 +3,7 @@
 //! A scan lies on surfaces that were first seen from elsewhere. It errs as the poses did from which they were seen, and by its own registration. In a room, all scans hang
 //! on the first ones, and errors hardly add up; along a road, surfaces are renewed all the time, and they do. So errors grow with the path along which surfaces are renewed, by what registrations say of
 //! themselves, by small errors to one side of the map, and with the distance by what the ranges of a sensor are wrong as a whole. The constants are those under which true errors of recorded and
-//! simulated drives are within 1, 2 and 3 standard deviations as often as they should be, or more often (docs/experiments/elastic/drift.md).
+//! simulated drives are within 1, 2 and 3 standard deviations as often as they should be, to a tenth, or more often (docs/experiments/elastic/drift.md).
 
 use super::report::{OdometryReport, Status, registration_covariance};
 use crate::graph::{adjoint, symmetric, upper_triangle};
