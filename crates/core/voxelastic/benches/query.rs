@@ -56,7 +56,7 @@ fn queries(c: &mut Criterion<CpuTime>) {
     let Some(atlas) = hall::map(settings, 1) else { return };
     let submap = &atlas.submaps()[0];
     let field = submap.query();
-    let map = atlas.query();
+    let map = atlas.query().unwrap();
     let places = places(&field);
     let mut group = c.benchmark_group("query");
     group.throughput(Throughput::Elements(COUNT as u64));
@@ -100,7 +100,7 @@ fn many_points(c: &mut Criterion<CpuTime>) {
     let _pool = rayon::ThreadPoolBuilder::new().num_threads(1).use_current_thread().build_global();
     let settings = Settings { sensor: "os0-64".to_owned(), field: FieldKind::Both, ..Settings::default() };
     let Some(atlas) = hall::map_with(settings, 1) else { return };
-    let (distances, space) = (DistanceQuery::new(&atlas), atlas.query());
+    let (distances, space) = (DistanceQuery::new(&atlas), atlas.query().unwrap());
     let mut rng = StdRng::seed_from_u64(9);
     let vertices = atlas.mesh(&MeshOptions::default()).positions;
     let mut near = |_| {

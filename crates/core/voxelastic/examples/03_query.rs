@@ -12,7 +12,7 @@ use voxelastic_io::store::MapStore;
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let map = std::env::args_os().nth(1).map_or_else(|| PathBuf::from("room.vox"), PathBuf::from);
     let atlas = MapStore::open(map)?.load_atlas()?;
-    let query = atlas.query();
+    let query = atlas.query()?;
     let bounds = query.bounds();
     println!("occupancy of {:.1?} to {:.1?} m, voxels of {} m", bounds.min, bounds.max, query.voxel_size());
 

@@ -29,7 +29,7 @@ fn fields(c: &mut Criterion) {
         group.bench_function(BenchmarkId::new("rebuild, blocks", name), |b| b.iter(|| pool.install(made)));
         let esdf = pool.install(made);
         let query = esdf.query(&atlas);
-        let bounds = atlas.query().bounds();
+        let bounds = atlas.query().unwrap().bounds();
         let points: Vec<[f32; 3]> = (0..POINTS)
             .map(|i| {
                 let share = |step: f64| ((i as f64 * step).fract()) as f32;

@@ -94,7 +94,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     println!("| to | first, ms | median, ms | 95 %, ms | most after the first, ms | blocks a scan | rebuild, ms | MB | million samples/s |");
     println!("| --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: |");
     let truth = simulation.world();
-    let bounds = atlas.query().bounds();
+    let bounds = atlas.query().unwrap().bounds();
     let points: Vec<[f64; 3]> = (0..1 << 20)
         .map(|i| {
             let share = |step: f64| (f64::from(i) * step).fract();
@@ -122,7 +122,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             points.len() as f64 / time / 1e3
         );
         if unknown == UnknownAs::Free {
-            let map = atlas.query();
+            let map = atlas.query().unwrap();
             let inside: Vec<[f64; 3]> =
                 points.iter().copied().filter(|p| map.state(*p) == State::Free && (0.2..1.8).contains(&truth.distance(*p))).take(30_000).collect();
             let to_surfaces = || query.sample_many_to_surfaces(&inside);

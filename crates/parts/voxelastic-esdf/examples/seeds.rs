@@ -90,7 +90,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let start = now();
     Esdf::new(esdf.settings(), VOXEL)?.update(atlas);
     println!("rebuild {:.2} ms", now() - start);
-    let (map, truth) = (atlas.query(), simulation.world());
+    let (map, truth) = (atlas.query().unwrap(), simulation.world());
     let bounds = map.bounds();
     let place = |i: u32| -> [f64; 3] {
         let at = [0.754_877_666, 0.569_840_29, 0.430_159_71].map(|step: f64| (f64::from(i) * step).fract());

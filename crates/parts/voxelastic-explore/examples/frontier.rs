@@ -41,7 +41,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         mapper.handle(Event::Scan(scan))?;
         let atlas = mapper.atlas();
         let start = Instant::now();
-        let map = atlas.query();
+        let map = atlas.query().unwrap();
         queries.push(1e3 * start.elapsed().as_secs_f64());
         let start = Instant::now();
         blocks += frontiers.update(atlas);

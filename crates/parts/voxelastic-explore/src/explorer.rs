@@ -187,7 +187,7 @@ impl Explorer {
     /// [`ExploreError::NoOccupancy`], and [`ExploreError::Robot`] for wheels that the map has no room for.
     pub fn decide(&mut self, atlas: &Atlas, robot: Point, seconds_left: Option<f64>) -> Result<Decision, ExploreError> {
         let clock = Instant::now();
-        let map = atlas.query();
+        let map = AtlasQuery::new(atlas);
         if map.is_empty() {
             return Err(ExploreError::NoOccupancy);
         }
@@ -418,7 +418,7 @@ mod tests {
     #[test]
     fn a_path_that_is_shut_farther_on_is_followed_for_a_while() {
         let atlas = Atlas::new(0.1);
-        let (map, returns) = (atlas.query(), NearReturns::default());
+        let (map, returns) = (atlas.query().unwrap(), NearReturns::default());
         let now = Situation {
             atlas: &atlas,
             map: &map,

@@ -163,7 +163,7 @@ fn main() -> Result<()> {
     let atlas = store.load_atlas()?;
     let submap = atlas.submaps().iter().max_by_key(|s| s.occupancy().len()).ok_or("the map is empty")?;
     let field = submap.query();
-    let map = atlas.query();
+    let map = atlas.query().unwrap();
 
     // Around where the submap's scans were taken.
     let middle = submap.scans().get(submap.scans().len() / 2).map_or([0.0; 3], |s| s.t_submap_lidar.translation.vector.into());

@@ -31,7 +31,7 @@
 //!     mapper.handle(Event::Scan(scan))?;
 //! }
 //! // Plan in it, with a limit of samples so that the result is the same on every machine.
-//! let map = mapper.atlas().query();
+//! let map = mapper.atlas().query()?;
 //! let request = Request { samples: Some(200), ..Request::new([-3.0, -2.0, 1.2], [3.0, 1.0, 1.5], Robot::flying(0.3)) };
 //! let path = plan(&map, &request)?;
 //! assert!(path.length < 7.5 && path.least_clearance >= 0.3);

@@ -24,7 +24,7 @@ pub struct BlockedSegment {
 /// use voxelastic::atlas::Atlas;
 /// use voxelastic_plan::{FlyingSpace, Robot, recheck};
 /// let atlas = Atlas::new(0.065);
-/// let map = atlas.query();
+/// let map = atlas.query().unwrap();
 /// let space = FlyingSpace::new(&map, &Robot::flying(0.3), [[-9.0; 3], [9.0; 3]]);
 /// assert_eq!(recheck(&space, &map, &[[0.0; 3], [1.0; 3]]).len(), 1, "an empty map is unknown everywhere");
 /// ```

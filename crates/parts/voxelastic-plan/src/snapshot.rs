@@ -26,7 +26,7 @@ impl Snapshot {
 
     /// Queries of the snapshot.
     pub fn query(&self) -> AtlasQuery<'_> {
-        self.atlas.query()
+        AtlasQuery::new(&self.atlas)
     }
 
     /// Its submaps, without surfaces; waypoints can be [anchored](crate::anchor_path) to them.

@@ -80,11 +80,11 @@ pub fn changes(before: &Atlas, after: &Atlas, options: &ChangeOptions) -> Result
         if atlas.tsdfs().is_empty() {
             return Err(ChangeError::NoSurfaces(name));
         }
-        if atlas.query().is_empty() {
+        if AtlasQuery::new(atlas).is_empty() {
             return Err(ChangeError::NoOccupancy(name));
         }
     }
-    let (older, newer) = (before.query(), after.query());
+    let (older, newer) = (AtlasQuery::new(before), AtlasQuery::new(after));
     let mesh = after.mesh(&options.mesh);
     let states = older.states(&mesh.positions);
     let margins = |atlas: &Atlas, other| match options.is_fitted {

@@ -37,7 +37,7 @@ pub fn keep_newest(atlas: Atlas, age: impl Fn(SubmapId) -> u32, margin: f64, set
     atlas.into_submaps().into_iter().for_each(|submap| by_age.entry(age(submap.id())).or_default().push(submap));
     let (mut newer, mut removed) = (Atlas::new(voxel_size), RemovedVoxels::default());
     for mut submaps in by_age.into_values().rev() {
-        let query = newer.query();
+        let query = AtlasQuery::new(&newer);
         if !query.is_empty() {
             for submap in &mut submaps {
                 let margin = Fit::of([&*submap], &query, margin).margin_of_all();

@@ -86,20 +86,6 @@ pub(super) fn union(a: i8, b: i8) -> i8 {
     }
 }
 
-impl Atlas {
-    /// Queries on the occupancy of all submaps in the map frame.
-    ///
-    /// ```
-    /// use voxelastic::atlas::Atlas;
-    /// use voxelastic::field::occupancy::State;
-    /// let atlas = Atlas::new(0.065);
-    /// assert_eq!(atlas.query().state([1.0, 2.0, 0.5]), State::Unknown);
-    /// ```
-    pub fn query(&self) -> AtlasQuery<'_> {
-        AtlasQuery::new(self)
-    }
-}
-
 impl Submap {
     /// Queries on the submap's occupancy in the submap frame.
     pub fn query(&self) -> FieldQuery<'_> {
@@ -108,7 +94,7 @@ impl Submap {
 }
 
 impl<'a> AtlasQuery<'a> {
-    /// Queries on `atlas`, the same as [`Atlas::query`].
+    /// Queries on `atlas`, as [`Atlas::query`], but unknown everywhere if the map holds surfaces only.
     pub fn new(atlas: &'a Atlas) -> Self {
         Self::of_submaps(atlas, |_| true)
     }

@@ -25,10 +25,11 @@
 //! use voxelastic::atlas::Atlas;
 //! use voxelastic::query::{Sphere, UnknownAs};
 //! let atlas = Atlas::new(0.065);
-//! let map = atlas.query();
+//! let map = atlas.query()?;
 //! let robot = Sphere { centre: [1.0, 2.0, 0.5], radius: 0.3 };
 //! assert!(!map.is_free(&robot.into(), UnknownAs::Blocked), "an empty map is unknown everywhere");
 //! assert!(map.is_free(&robot.into(), UnknownAs::Free));
+//! # Ok::<(), voxelastic::query::MissingField>(())
 //! ```
 
 mod atlas;
@@ -37,6 +38,7 @@ mod clearance;
 mod collision;
 mod coverage;
 mod field;
+mod fields;
 mod frontier;
 mod merge;
 mod point_order;
@@ -54,6 +56,7 @@ mod unknown;
 pub use atlas::AtlasQuery;
 pub use collision::QueryStats;
 pub use field::{CellSummary, FieldQuery};
+pub use fields::MissingField;
 pub use frontier::FrontierPoint;
 pub use merge::{MergeOptions, MergedMap};
 pub use ray_cast::{Ray, RayHit};

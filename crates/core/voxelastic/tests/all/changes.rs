@@ -200,17 +200,17 @@ fn what_later_sessions_saw_to_be_gone_leaves_the_map() {
 
     // Free space, too, and nothing occupied vanished elsewhere.
     let side = [2.0, -2.7, 1.2];
-    assert_eq!(all.query().state(side), State::Occupied);
-    assert_eq!(newest.query().state(side), State::Free);
+    assert_eq!(all.query().unwrap().state(side), State::Occupied);
+    assert_eq!(newest.query().unwrap().state(side), State::Free);
     let grid = (-60..60).flat_map(|x| (-50..50).map(move |y| [0.13 * f64::from(x), 0.11 * f64::from(y), 0.8]));
     for p in grid.filter(|p| !near_pillar(&p.map(|c| c as f32))) {
-        assert_eq!(all.query().state(p), newest.query().state(p), "at {p:?}");
+        assert_eq!(all.query().unwrap().state(p), newest.query().unwrap().state(p), "at {p:?}");
     }
 
     // The other way round the chest goes. Without a later session nothing does, nor where the later one has no free space.
     let (older_wins, _) = keep_newest(all.clone(), |id| u32::from(id < firsts), 0.3, &settings);
-    assert_eq!(older_wins.query().state([-1.4, 2.0, 0.9]), State::Free);
-    assert_eq!(older_wins.query().state(side), State::Occupied);
+    assert_eq!(older_wins.query().unwrap().state([-1.4, 2.0, 0.9]), State::Free);
+    assert_eq!(older_wins.query().unwrap().state(side), State::Occupied);
     assert_eq!(keep_newest(all.clone(), |_| 3, 0.3, &settings).1, RemovedVoxels::default());
     let (surfaces, firsts) = together([&before, &map(&with_chest, FieldKind::Tsdf, 0.0)]);
     assert_eq!(keep_newest(surfaces, |id| u32::from(id >= firsts), 0.3, &settings).1, RemovedVoxels::default());

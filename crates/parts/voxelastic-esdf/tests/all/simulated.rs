@@ -34,7 +34,7 @@ fn distances_and_gradients_are_those_of_the_room() {
     for (field, to_surfaces, worst_mean) in [(FieldKind::Both, true, 0.02), (FieldKind::Occupancy, false, 0.07), (FieldKind::Tsdf, true, 0.02)] {
         let (atlas, simulation) = room(12, field, 0.1);
         let esdf = esdf(&atlas, 1.5, UnknownAs::Free);
-        let (query, space) = (esdf.query(&atlas), atlas.query());
+        let (query, space) = (esdf.query(&atlas), atlas.query().unwrap());
         let points = points();
         let samples = if to_surfaces { query.sample_many_to_surfaces(&points) } else { query.sample_many(&points) };
         let (mut errors, mut turns, mut count) = (0.0, 0.0, 0);
@@ -62,7 +62,7 @@ fn what_is_unknown_to_one_submap_may_be_free_in_another() {
     let t_map_submap = Pose::new(nalgebra::Vector3::new(0.4, 0.2, 0.1), nalgebra::Vector3::new(0.0, 0.0, 0.7));
     let moved = Submap::new(1, 0.1, t_map_submap).with_fields(whole.tsdf().clone(), whole.occupancy().clone());
     let two = Atlas::from_submaps(0.1, vec![whole.clone(), moved]);
-    let map = two.query();
+    let map = two.query().unwrap();
     for unknown in [UnknownAs::Free, UnknownAs::Blocked] {
         let esdf = esdf(&two, 1.0, unknown);
         let query = esdf.query(&two);

@@ -119,7 +119,7 @@ mod tests {
         let mut short = back.clone();
         cut(&mut short, 2.0);
         assert!(short.len() == 3 && (distance(short[1], short[2]) - 1.2).abs() < 1e-9);
-        let map = mapper.atlas().query();
+        let map = mapper.atlas().query().unwrap();
         assert_eq!(free_part(&map, &NearReturns::default(), &back, 0.25), 3);
         // A post stands on the track as it is seen now, and the robot passes beside it.
         let post = Cloud::from_points((0..40).map(|k| [0.0, 0.5, k as f32 * 0.05 - 1.0]).collect());

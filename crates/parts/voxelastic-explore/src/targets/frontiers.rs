@@ -293,7 +293,7 @@ mod tests {
         let mut anew = Frontiers::new(FrontierSettings::default(), [[f64::NEG_INFINITY; 3], [f64::INFINITY; 3]]);
         anew.update(atlas);
         anew.bounds = bounds;
-        anew.clusters(atlas, &atlas.query())
+        anew.clusters(atlas, &atlas.query().unwrap())
     }
 
     /// Kept up in boxes over scans in several submaps and corrections, everything is as the map says and as a new frontier of everything has it.
@@ -330,7 +330,7 @@ mod tests {
                 frontiers.update(atlas);
                 let after = places(&frontiers);
                 remade += before.iter().filter(|(id, place)| after.get(*id).is_some_and(|now| now != *place)).count();
-                let map = atlas.query();
+                let map = atlas.query().unwrap();
                 for (submap, t_map_submap) in atlas.placed() {
                     for block in frontiers.submaps[&submap.id()].frontier.blocks.values() {
                         let probe = t_map_submap * Point3::from(block.probe.map(|c| f64::from(c) * map.voxel_size()));

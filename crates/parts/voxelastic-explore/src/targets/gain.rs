@@ -176,7 +176,7 @@ mod tests {
         let direction = [1.0, 0.003, 0.004];
         for (width, expected_gap) in [(-1.0, false), (0.3, true), (2.0, false)] {
             let mapper = wall_with_hole(width);
-            let map = mapper.atlas().query();
+            let map = mapper.atlas().query().unwrap();
             let (volume, is_gap) = slowly(&map, &view, direction);
             assert_eq!((is_gap, volume > 0.0), (expected_gap, width > 0.0), "hole of {width} m");
             let expected = if is_gap { GAP * volume } else { volume };

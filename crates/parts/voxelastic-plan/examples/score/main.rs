@@ -105,7 +105,7 @@ fn main() -> Result<()> {
     // The planners of oxmpl require a map with a static lifetime.
     let atlas: &'static Atlas = Box::leak(Box::new(store.load_atlas()?));
     let begun = Instant::now();
-    let query: &'static AtlasQuery<'static> = Box::leak(Box::new(atlas.query()));
+    let query: &'static AtlasQuery<'static> = Box::leak(Box::new(atlas.query().unwrap()));
     let known = query.bounds();
     eprintln!(
         "{} submaps, query made in {:.1} ms, known {:?} to {:?}",

@@ -73,7 +73,7 @@ fn wheeled_robot_keeps_its_height_above_the_floor() {
     let ground = GroundSpace::new(&map, &robot, west, bounds).unwrap();
     assert_eq!(recheck(&ground, &map, &found.path), []);
     let nothing = Atlas::new(VOXEL);
-    let nowhere = nothing.query();
+    let nowhere = nothing.query().unwrap();
     let void = GroundSpace::new(&nowhere, &robot, west, bounds).unwrap();
     assert_eq!(recheck(&void, &nowhere, &found.path).len(), found.path.len() - 1);
     let low = Robot { ground: Some(Wheels { height: Some(0.2), step: None }), ..robot };
@@ -134,7 +134,7 @@ fn extreme_robots_and_requests_get_a_path_or_an_error() {
     }
     assert!(matches!(plan(&map, &request([f64::NAN; 3], EAST, Robot::flying(0.3))), Err(PlanError::Setting { .. })));
     let nothing = Atlas::new(VOXEL);
-    assert_eq!(plan(&nothing.query(), &request(WEST, EAST, Robot::flying(0.3))), Err(PlanError::NoOccupancy));
+    assert_eq!(plan(&nothing.query().unwrap(), &request(WEST, EAST, Robot::flying(0.3))), Err(PlanError::NoOccupancy));
 }
 
 #[test]

@@ -24,7 +24,7 @@ pub struct Rooms {
 
 impl Rooms {
     pub fn query(&self) -> AtlasQuery<'_> {
-        self.atlas.query()
+        self.atlas.query().unwrap()
     }
 }
 

@@ -6,10 +6,13 @@ mod hall;
 
 use nalgebra::Point3;
 use proptest::prelude::*;
-use voxelastic::atlas::Submap;
+use voxelastic::atlas::{Atlas, Submap};
+use voxelastic::event::Event;
 use voxelastic::field::occupancy::State;
-use voxelastic::query::{Capsule, Ray, Resampling, Shape, Sphere, UnknownAs};
-use voxelastic::{Pose, Settings};
+use voxelastic::query::{Capsule, MissingField, Ray, Resampling, Shape, Sphere, UnknownAs};
+use voxelastic::settings::FieldKind;
+use voxelastic::{Mapper, Pose, Settings};
+use voxelastic_sim::{PoseSource, SimOptions, Simulation};
 
 const VOXEL: f32 = 0.1;
 
@@ -31,7 +34,7 @@ fn shapes_rays_and_points_agree() {
         Settings { voxel_size: VOXEL, max_range: 25.0, lambda_odom: 20.0, min_overlap: 1.0, sensor: "os0-64".to_owned(), ..Settings::default() };
     let Some(atlas) = hall::map(settings, 4) else { return };
     assert!(atlas.submaps().len() >= 3, "{} submaps", atlas.submaps().len());
-    let map = atlas.query();
+    let map = atlas.query().unwrap();
     let place = (-12.0..12.0f64, -12.0..12.0f64, -1.0..2.5f64).prop_map(|(x, y, z)| [x, y, z]);
     let direction = prop::array::uniform3(-1.0..1.0f64);
     let mut runner = proptest::test_runner::TestRunner::new(ProptestConfig::with_cases(3000));
@@ -75,10 +78,32 @@ fn threads_change_no_cube_of_a_resampled_map() {
     let settings =
         Settings { voxel_size: VOXEL, max_range: 10.0, lambda_odom: 20.0, min_overlap: 1.0, sensor: "os0-64".to_owned(), ..Settings::default() };
     let Some(atlas) = hall::map(settings, 10) else { return };
-    let map = atlas.query();
+    let map = atlas.query().unwrap();
     let [one, three] = [1, 3].map(|n| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(n).build().unwrap_or_else(|e| panic!("{e}"));
         pool.install(|| (map.resample(&Resampling { voxel: 0.15, states_only: false }), map.frontier(2)))
     });
     assert!(one.0.len() > 10_000 && one == three);
+}
+
+#[test]
+fn a_field_that_is_not_there_is_an_error() {
+    let empty = Atlas::new(VOXEL);
+    assert!(empty.query().is_ok_and(|query| query.is_empty()) && empty.distances().is_ok_and(|query| query.is_empty()));
+    let room = Simulation::new(SimOptions { scans: Some(1), columns: Some(128), ..SimOptions::of("room") }).unwrap();
+    let map = |field| {
+        let mut mapper = Mapper::new(Settings { voxel_size: VOXEL, field, ..Settings::default() }).unwrap();
+        for scan in room.scans(PoseSource::Truth) {
+            mapper.handle(Event::Scan(scan)).unwrap();
+        }
+        mapper.into_atlas()
+    };
+    for (field, space, surfaces) in [
+        (FieldKind::Both, None, None),
+        (FieldKind::Tsdf, Some(MissingField::Occupancy), None),
+        (FieldKind::Occupancy, None, Some(MissingField::Surfaces)),
+    ] {
+        let atlas = map(field);
+        assert_eq!((atlas.query().err(), atlas.distances().err()), (space, surfaces), "{field:?}");
+    }
 }
