@@ -14,11 +14,9 @@ mod interrupt;
 mod map_picture;
 mod meshing;
 mod output;
-mod painting;
 mod progress;
 mod reporting;
 mod ros_args;
-mod texturing;
 
 use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
 use commands::earth::georeference;

@@ -293,7 +293,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     );
     println!(
         "{:.1} % known, {:.0} m, {} collisions, {:.2} m from a surface, {closures} loops, error {:.2} m",
-        100.0 * truth.known_share(&mapper.atlas().query()),
+        100.0 * truth.known_share(&mapper.atlas().query().unwrap()),
         course.travelled,
         course.collisions,
         course.least,

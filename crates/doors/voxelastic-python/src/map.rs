@@ -101,7 +101,7 @@ impl Content {
 
     fn bounds(&self) -> Option<Aabb> {
         let mut bounds = Aabb::default();
-        let (surfaces, space) = (DistanceQuery::new(&self.atlas), self.atlas.query());
+        let (surfaces, space) = (DistanceQuery::new(&self.atlas), AtlasQuery::new(&self.atlas));
         let parts = [(!surfaces.is_empty()).then(|| surfaces.bounds()), (!space.is_empty()).then(|| space.bounds())];
         for part in parts.iter().flatten() {
             bounds.add(part.min);
@@ -197,7 +197,7 @@ impl Map {
     /// Whether it has signed distances, and whether it has occupancy.
     fn fields(&self) -> PyResult<(bool, bool)> {
         let content = self.content()?;
-        Ok((!content.atlas.tsdfs().is_empty(), !content.atlas.query().is_empty()))
+        Ok((!content.atlas.tsdfs().is_empty(), !AtlasQuery::new(&content.atlas).is_empty()))
     }
 
     /// Each submap: identifier, the pose in the map frame as a 4 x 4 matrix, its nodes, the number of changes.
@@ -273,7 +273,7 @@ impl Map {
     /// Signed distances, gradients and states at the rows of an N x 3 array, float32 or float64.
     fn query<'py>(&self, py: Python<'py>, points: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyTuple>> {
         let content = self.content()?;
-        let (surfaces, space) = (DistanceQuery::new(&content.atlas), content.atlas.query());
+        let (surfaces, space) = (DistanceQuery::new(&content.atlas), AtlasQuery::new(&content.atlas));
         let samples = answer(py, points, |points| surfaces.sample_many(points), |points| surfaces.sample_many(points))?;
         let pairs = samples.into_iter().map(|sample| sample.map_or((f32::NAN, [0.0; 3]), |s| (s.distance, s.gradient)));
         let (distances, gradients): (Vec<f32>, Vec<[f32; 3]>) = job::run_short(py, || pairs.unzip())?;
@@ -295,7 +295,7 @@ impl Map {
     /// States at the rows of an N x 3 array, float32 or float64.
     fn states<'py>(&self, py: Python<'py>, points: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyArray1<u8>>> {
         let content = self.content()?;
-        Ok(PyArray1::from_vec(py, states_of(py, &content.atlas.query(), points)?))
+        Ok(PyArray1::from_vec(py, states_of(py, &AtlasQuery::new(&content.atlas), points)?))
     }
 }
 

@@ -33,7 +33,8 @@ pub fn ray_cast<'py>(
         return Err(PyValueError::new_err("origins: expected one, or as many as directions"));
     }
     let (pool, content) = (job::shared_pool()?, map.content()?);
-    let caster = RayCaster { space: content.atlas.query(), surfaces: DistanceQuery::new(&content.atlas), unknown: unknown_as(unknown_blocks) };
+    let caster =
+        RayCaster { space: AtlasQuery::new(&content.atlas), surfaces: DistanceQuery::new(&content.atlas), unknown: unknown_as(unknown_blocks) };
     let ray = |k: u32| normalised(Ray { origin: *origins.get(k as usize).unwrap_or(&origins[0]), direction: directions[k as usize], length });
     let order: Vec<(u64, u32)> = job::run_short(py, || pool.install(|| coherent_order(origins, directions)))?;
     let (mut distances, mut normals, mut states) = (vec![f64::NAN; order.len()], vec![[0.0; 3]; order.len()], vec![0; order.len()]);

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use std::sync::PoisonError;
 use std::time::Duration;
 use voxelastic::geometry::Aabb;
-use voxelastic::query::{Axis, DistanceQuery, SliceRequest, UnknownAs};
+use voxelastic::query::{AtlasQuery, Axis, DistanceQuery, SliceRequest, UnknownAs};
 use voxelastic::sensor::{SensorError, preset, preset_with_columns};
 use voxelastic_esdf::{EsdfSample, EsdfSettings};
 use voxelastic_plan::{PlanError, Request, Robot, Wheels};
@@ -48,7 +48,7 @@ pub fn clearance<'py>(
 ) -> PyResult<Bound<'py, PyArray1<f64>>> {
     let points = arrays::rows(&points)?;
     let (pool, content) = (job::shared_pool()?, map.content()?);
-    let space = content.atlas.query();
+    let space = AtlasQuery::new(&content.atlas);
     let mut clearances = vec![0.0; points.len()];
     for (clearances, points) in clearances.chunks_mut(AT_ONCE).zip(points.chunks(AT_ONCE)) {
         let places = clearances.par_iter_mut().zip(points).with_min_len(PER_TASK);
@@ -105,7 +105,7 @@ pub fn slice<'py>(
         let slice = job::run_short(py, || pool.install(|| DistanceQuery::new(atlas).slice(&request)))?;
         return Ok(PyArray1::from_vec(py, slice.distances).reshape([slice.height, slice.width])?.into_any());
     }
-    let slice = job::run_short(py, || pool.install(|| atlas.query().slice(&request)))?;
+    let slice = job::run_short(py, || pool.install(|| AtlasQuery::new(atlas).slice(&request)))?;
     let states = slice.states.into_iter().map(number_of).collect();
     Ok(PyArray1::from_vec(py, states).reshape([slice.height, slice.width])?.into_any())
 }
@@ -131,7 +131,7 @@ pub fn plan<'py>(
     let time = Duration::try_from_secs_f64(time).map_err(|_| PyValueError::new_err("time: expected seconds, 0 or more"))?;
     let request = Request { time, samples, seed, ..Request::new(start, goal, robot) };
     let (pool, map) = (job::shared_pool()?, map.content()?);
-    let found = job::run(py, move || pool.install(|| voxelastic_plan::plan(&map.atlas.query(), &request)))?;
+    let found = job::run(py, move || pool.install(|| voxelastic_plan::plan(&AtlasQuery::new(&map.atlas), &request)))?;
     let plan = found.map_err(|error| no_plan(py, &error))?;
     let path = PyDict::new(py);
     path.set_item("points", arrays::from_rows(py, plan.path)?)?;

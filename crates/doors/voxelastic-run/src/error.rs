@@ -50,6 +50,9 @@ pub enum Error {
     /// A pose graph that cannot be optimised.
     #[error(transparent)]
     Slam(#[from] SlamError),
+    /// Colours from images.
+    #[error(transparent)]
+    Colour(#[from] voxelastic_colour::ColourError),
     /// The log of the run.
     #[error(transparent)]
     Log(#[from] voxelastic_report::ReportError),

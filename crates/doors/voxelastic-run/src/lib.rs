@@ -40,6 +40,7 @@ mod kept_scans;
 mod log;
 pub mod map_files;
 pub mod mapping;
+pub mod painting;
 pub mod poses;
 pub mod precision;
 pub mod refining;

@@ -2,17 +2,7 @@
 
 use rayon::prelude::*;
 use serde::Serialize;
-
-/// The state of a point in a map.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum State {
-    /// Free space.
-    Free,
-    /// Occupied space.
-    Occupied,
-    /// Never observed.
-    Unknown,
-}
+use voxelastic::field::occupancy::State;
 
 /// Precision and recall of one state.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]

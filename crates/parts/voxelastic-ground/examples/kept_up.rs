@@ -15,7 +15,7 @@ fn main() {
     let sim = Simulation::new(SimOptions { scans: Some(scans), columns: Some(512), spacing: 2.0, ..SimOptions::of(world) }).unwrap();
     let mut mapper = Mapper::new(settings).unwrap();
     let resolution: f64 = voxel.parse().unwrap();
-    let mut tiles = GroundTiles::new(resolution, mapper.atlas().query().voxel_size()).unwrap();
+    let mut tiles = GroundTiles::new(resolution, mapper.atlas().query().unwrap().voxel_size()).unwrap();
     println!("| scans | cells | anew, ms | what changed, ms | floor of it, ms |\n| --- | --- | --- | --- | --- |");
     let ms = |clock: Instant| clock.elapsed().as_secs_f64() * 1e3;
     let mut look = |mapper: &Mapper, name: &str, with_whole: bool| {

@@ -11,6 +11,7 @@ use crate::tiles::{GroundTiles, TilesCopy};
 use crate::{Body, GroundError};
 use std::time::Duration;
 use voxelastic::atlas::Atlas;
+use voxelastic::query::AtlasQuery;
 
 /// The ground of a map.
 #[derive(Clone, Debug)]
@@ -31,10 +32,10 @@ impl Ground {
     /// [`GroundError::NoFloor`].
     pub fn of(atlas: &Atlas, resolution: f64, body: &Body) -> Result<Self, GroundError> {
         body.check()?;
-        if atlas.query().is_empty() {
+        if AtlasQuery::new(atlas).is_empty() {
             return Err(GroundError::NoOccupancy);
         }
-        let mut tiles = GroundTiles::new(resolution, atlas.query().voxel_size())?;
+        let mut tiles = GroundTiles::new(resolution, AtlasQuery::new(atlas).voxel_size())?;
         tiles.note(atlas)?;
         tiles.make(atlas, [0.0; 2], Duration::MAX)?;
         Self::of_tiles(tiles.into_copy(atlas), body)

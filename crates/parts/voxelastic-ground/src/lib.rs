@@ -23,6 +23,7 @@ mod slope;
 mod storey;
 mod storeys;
 mod tiles;
+mod truth;
 
 pub use cells::Cells;
 pub use column::{Span, band};
@@ -37,3 +38,4 @@ pub use robot::Body;
 pub use slope::Plane;
 pub use storey::Storey;
 pub use tiles::{GroundTiles, TilesCopy};
+pub use truth::{FloorScores, TrueWorld, compare as compare_floor};

@@ -72,7 +72,7 @@ impl GroundTiles {
     /// # Errors
     /// [`GroundError::NoOccupancy`]; [`GroundError::TooLarge`].
     pub fn note(&mut self, atlas: &Atlas) -> Result<(), GroundError> {
-        let query = atlas.query();
+        let query = AtlasQuery::new(atlas);
         if query.is_empty() {
             return Err(GroundError::NoOccupancy);
         }
@@ -105,7 +105,7 @@ impl GroundTiles {
     /// [`GroundError::TooLarge`].
     pub fn make(&mut self, atlas: &Atlas, focus: [f64; 2], time: Duration) -> Result<(), GroundError> {
         let begin = Instant::now();
-        let (query, surfaces) = (atlas.query(), DistanceQuery::new(atlas));
+        let (query, surfaces) = (AtlasQuery::new(atlas), DistanceQuery::new(atlas));
         let tile = TILE as f64 * self.lattice.resolution;
         let distance = |at: &[i32; 2]| (f64::from(at[1]) - focus[0] / tile + 0.5).hypot(f64::from(at[0]) - focus[1] / tile + 0.5);
         let mut order: Vec<[i32; 2]> = self.stale.iter().copied().collect();
@@ -289,7 +289,7 @@ mod tests {
             let sim = Simulation::new(SimOptions { scans: Some(24), columns: Some(128), spacing: 1.0, ..SimOptions::of("street") }).unwrap();
             let (mut mapper, mut scans) = (Mapper::new(settings).unwrap(), sim.scans(PoseSource::Truth));
             let resolution = if coarse { 0.5 } else { 0.2 };
-            let mut tiles = GroundTiles::new(resolution, mapper.atlas().query().voxel_size()).unwrap();
+            let mut tiles = GroundTiles::new(resolution, mapper.atlas().query().unwrap().voxel_size()).unwrap();
             let mut made = Vec::new();
             for step in [Step::Scans(2)].iter().chain(&steps) {
                 take(&mut mapper, &mut scans, step);
@@ -305,7 +305,7 @@ mod tests {
                 prop_assert!(format!("{kept:?}") == format!("{whole:?}"), "{step:?} of {steps:?}");
                 // And as all cubes of the map give them, without tiles.
                 let (columns, _) = copy.joined().unwrap();
-                let cubes = atlas.query().resample(&Resampling { voxel: tiles.lattice.cube, states_only: true });
+                let cubes = atlas.query().unwrap().resample(&Resampling { voxel: tiles.lattice.cube, states_only: true });
                 let (bounds, cells) = (Bounds::of(&cubes).unwrap(), *columns.cells());
                 let all = Columns::of_part(cubes, &tiles.lattice, (cells.low, cells.size[0].max(cells.size[1])), &bounds).unwrap();
                 for cell in 0..cells.count() {
@@ -322,7 +322,7 @@ mod tests {
         let settings = Settings { voxel_size: 0.2, max_range: 10.0, field: FieldKind::Both, ..Settings::default() };
         let sim = Simulation::new(SimOptions { scans: Some(12), columns: Some(128), spacing: 8.0, ..SimOptions::of("street") }).unwrap();
         let mut mapper = Mapper::new(settings).unwrap();
-        let mut tiles = GroundTiles::new(0.2, mapper.atlas().query().voxel_size()).unwrap();
+        let mut tiles = GroundTiles::new(0.2, mapper.atlas().query().unwrap().voxel_size()).unwrap();
         let mut stale = 0;
         for scan in sim.scans(PoseSource::Truth) {
             mapper.handle(Event::Scan(scan)).unwrap();

@@ -127,7 +127,7 @@ mod tests {
         let spaces = [usize::MAX, 2000].map(|most| ReachableSpace::comparing(&world, start, bounds, most));
         assert_eq!(spaces[0].compared.len(), spaces[0].cells());
         assert!(spaces[1].compared.len() <= 2000 && spaces[1].compared.len() > 1000 && spaces[1].cells() == spaces[0].cells());
-        let map = mapper.atlas().query();
+        let map = mapper.atlas().query().unwrap();
         let shares = spaces.map(|space| space.known_share(&map));
         // Four standard deviations of a sample of a thousand at random.
         assert!((0.1..0.9).contains(&shares[0]) && (shares[0] - shares[1]).abs() < 0.06, "{shares:?}");

@@ -1,5 +1,7 @@
 //! A simulation: scans along a trajectory, true and drifting poses, loop edges, corrections.
 
+mod probes;
+
 use crate::drift::{self, Correction};
 use crate::imu::Imu;
 use crate::options::SimOptions;

@@ -27,6 +27,8 @@ pub const CRATES: &[Layer] = &[
         "voxelastic-run",
         &[
             "voxelastic",
+            "voxelastic-colour",
+            "voxelastic-plan",
             "voxelastic-files",
             "voxelastic-earth",
             "voxelastic-ground",
@@ -57,7 +59,6 @@ pub const CRATES: &[Layer] = &[
         &[
             "voxelastic",
             "voxelastic-files",
-            "voxelastic-colour",
             "voxelastic-earth",
             "voxelastic-io",
             "voxelastic-eval",

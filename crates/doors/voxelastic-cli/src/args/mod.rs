@@ -4,6 +4,7 @@ mod body;
 mod corrections;
 pub mod data;
 mod frame;
+pub mod images;
 mod load;
 pub mod raw_data;
 mod resume;

@@ -1,10 +1,9 @@
 //! `voxelastic mesh`: extracts the surface of a map as a triangle mesh.
 
 use crate::args::LoadArgs;
+use crate::args::images::ImageArgs;
 use crate::failure::Failure;
 use crate::meshing::{Colour, Fused, LayerArgs, LeftOut, SurfaceArgs, colours, default_colour, map_mesh, submap_meshes};
-use crate::painting::{ImageArgs, PaintSummary};
-use crate::texturing::MeshTexture;
 use crate::{failure, output};
 use anyhow::Context;
 use clap::Args;
@@ -13,6 +12,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 use voxelastic_io::Origin;
 use voxelastic_io::mesh_io::{self, Format, MeshRef, write_textured_glb};
+use voxelastic_run::painting::{MeshTexture, PaintSummary};
 use voxelastic_run::surfaces::MapMesh;
 
 /// Extract the surface of a map as a triangle mesh
@@ -83,11 +83,12 @@ struct Summary {
 /// Runs the command.
 pub fn run(args: &MeshArgs) -> anyhow::Result<u8> {
     let format = Format::of(&args.output).map_err(|problem| Failure::usage(problem.to_string(), ""))?;
-    if args.images.data().is_some() && (args.separate || args.colour.is_some()) {
+    let painting = args.images.painting();
+    if painting.is_some() && (args.separate || args.colour.is_some()) {
         let remedy = "leave out --separate and --colour: one submap may hide another, and images give the colours";
         return Err(Failure::usage("--images colours the surface of the whole map", remedy).into());
     }
-    if args.images.has_texture() && !matches!(format, Format::Glb) {
+    if painting.as_ref().is_some_and(|painting| painting.texel.is_some()) && !matches!(format, Format::Glb) {
         return Err(Failure::usage("PLY files have no textures", "use the extension .glb, or leave out --texture").into());
     }
     let pool = args.surface.pool()?;
@@ -107,9 +108,9 @@ pub fn run(args: &MeshArgs) -> anyhow::Result<u8> {
     let fused = meshes.first().and_then(|(_, mesh)| Fused::of(mesh, map.settings.voxel_size));
     let left_out = meshes.first().and_then(|(_, mesh)| LeftOut::of(mesh));
     let extract_s = clock.elapsed().as_secs_f64();
-    let (painted, texture) = match (args.images.data(), meshes.first_mut()) {
-        (Some(data), Some((_, mesh))) => {
-            let (summary, texture) = pool.install(|| args.images.paint(data, &map, &args.map, &mut mesh.mesh))?;
+    let (painted, texture) = match (painting, meshes.first_mut()) {
+        (Some(painting), Some((_, mesh))) => {
+            let (summary, texture) = pool.install(|| painting.paint(&map, &args.map, &mut mesh.mesh))?;
             (Some(summary), texture)
         }
         _ => (None, None),

@@ -1,7 +1,6 @@
 //! `voxelastic report`: a map and its run as one HTML page.
 
 use super::measuring::eval::truth::{Limits, Truth};
-use super::space::plan::file::StoredPath;
 use crate::args::LoadArgs;
 use crate::failure;
 use crate::meshing::{Fused, LeftOut, SurfaceArgs};
@@ -11,6 +10,7 @@ use clap::Args;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use voxelastic_report::Report;
+use voxelastic_run::export::path::StoredPath;
 use voxelastic_run::map_files;
 
 /// Write a report on a map and its run, one HTML page

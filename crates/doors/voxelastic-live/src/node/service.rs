@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 use voxelastic::Pose;
 use voxelastic::field::occupancy::State;
-use voxelastic::query::DistanceQuery;
+use voxelastic::query::{AtlasQuery, DistanceQuery};
 use voxelastic_esdf::{EsdfSettings, LocalEsdf};
 use voxelastic_io::Origin;
 use voxelastic_io::mesh_io::{MeshRef, write_ply};
@@ -48,7 +48,7 @@ impl Service {
     pub fn distances(&mut self, points: &[[f64; 3]], run: &MappingRun) -> Result<Vec<Option<Distance>>, String> {
         let (atlas, origin) = (run.mapping().atlas(), run.origin().coordinates());
         let points: Vec<[f64; 3]> = points.iter().map(|p| std::array::from_fn(|k| p[k] - origin[k])).collect();
-        let space = atlas.query();
+        let space = AtlasQuery::new(atlas);
         if space.is_empty() {
             let near = DistanceQuery::new(atlas).sample_many(&points).into_iter();
             return Ok(near
@@ -111,7 +111,7 @@ fn write_mesh(path: &Path, mesh: &voxelastic::surface::Mesh, origin: Origin) -> 
 pub fn find_path(mapping: &Mapping, start: &Pose, goal: &Pose) -> Vec<Pose> {
     let [from, to] = [start, goal].map(|pose| <[f64; 3]>::from(pose.translation.vector));
     let request = voxelastic_plan::Request { time: PLANNING, ..voxelastic_plan::Request::new(from, to, Robot::flying(RADIUS)) };
-    match mapping.pool().install(|| plan(&mapping.atlas().query(), &request)) {
+    match mapping.pool().install(|| plan(&AtlasQuery::new(mapping.atlas()), &request)) {
         Ok(found) => {
             tracing::info!("on request: a path of {:.1} m", found.length);
             found.path.iter().map(|[x, y, z]| Pose::translation(*x, *y, *z)).collect()

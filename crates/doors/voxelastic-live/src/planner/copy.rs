@@ -107,7 +107,7 @@ mod tests {
             let changes = copied.changes(mapper.atlas());
             let taken = changes.submaps.iter().filter(|submap| submap.occupancy.is_some()).count();
             copy.apply(changes);
-            let (theirs, ours) = (mapper.atlas().query(), copy.atlas().query());
+            let (theirs, ours) = (mapper.atlas().query().unwrap(), copy.atlas().query().unwrap());
             let points: Vec<[f64; 3]> =
                 (0..4000).map(|k| [f64::from(k % 40) - 20.0, f64::from(k / 40 % 20) - 10.0, f64::from(k / 800) * 0.7]).collect();
             let points: Vec<[f64; 3]> =

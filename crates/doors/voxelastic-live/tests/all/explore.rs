@@ -184,7 +184,7 @@ impl Run {
         let axis = |k: usize| (0..((high[k] - low[k]) / 0.3) as usize).map(move |i| low[k] + 0.15 + 0.3 * i as f64);
         let all = axis(0).flat_map(|x| axis(1).flat_map(move |y| axis(2).map(move |z| [x, y, z])));
         let all: Vec<Point> = all.filter(|p| self.world.distance(*p) > 0.3).collect();
-        let states = self.mapper.atlas().query().states(&all);
+        let states = self.mapper.atlas().query().unwrap().states(&all);
         states.iter().filter(|state| **state == State::Free).count() as f64 / all.len() as f64
     }
 }

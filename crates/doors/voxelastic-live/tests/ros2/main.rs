@@ -174,7 +174,7 @@ fn plan(mapper: &Mapper) -> Plan {
     let mut frontiers = Frontiers::new(FrontierSettings::default(), [[-20.0; 3], [20.0; 3]]);
     frontiers.update(atlas);
     let mut plan = Plan::default();
-    plan.frontier = frontiers.clusters(atlas, &atlas.query());
+    plan.frontier = frontiers.clusters(atlas, &atlas.query().unwrap());
     plan.path = vec![[0.5, 0.25, 1.0], [1.5, 0.25, 1.0], [1.5, 2.0, 1.25]];
     plan.anchors = anchor_path(atlas, &plan.path);
     plan
@@ -232,7 +232,7 @@ fn compare(taken: &serde_json::Value, folder: &Path, mapper: &Mapper, scans: &[S
     assert_eq!(taken["tf"][0], "map");
     assert_eq!(taken["tf"][1], "odom");
     assert!((taken["tf"][2].as_f64().unwrap() - 2.0).abs() < 1e-6, "{}", taken["tf"]);
-    let query = mapper.atlas().query();
+    let query = mapper.atlas().query().unwrap();
     let cubes = query.resample(&voxelastic::query::Resampling { voxel: query.voxel_size(), states_only: true });
     assert_eq!(std::fs::read(folder.join("octomap")).unwrap(), voxelastic_io::octomap::state_nodes(&cubes).unwrap());
     assert_eq!(taken["resolution"].as_f64().unwrap(), query.voxel_size());

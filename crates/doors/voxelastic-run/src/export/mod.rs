@@ -1,8 +1,9 @@
-//! Maps in the formats of other programs: clouds of the surface, OctoMaps of free space, 2-D maps of the floor, and the surface in tiles.
+//! Maps in the formats of other programs: clouds of the surface, OctoMaps of free space, 2-D maps of the floor, the surface in tiles, and planned paths.
 
 pub mod cloud;
 pub mod grid;
 pub mod octomap;
+pub mod path;
 pub mod tiles;
 
 use std::path::Path;

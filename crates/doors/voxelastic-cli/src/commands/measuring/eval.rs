@@ -1,10 +1,8 @@
 //! `voxelastic eval`: measures accuracy, completeness, free space and poses of a map against a truth.
 
 mod args;
-mod floor;
 mod measured;
 pub mod path;
-mod space;
 mod summary;
 mod surface;
 mod table;
@@ -17,17 +15,23 @@ use crate::failure::{self, Failure};
 use crate::output;
 use anyhow::Context;
 use measured::Measured;
+use nalgebra::Point3;
 use std::path::Path;
 use std::time::Instant;
 use surface::Surface;
 use truth::{TrueSurface, Truth};
 use voxelastic::Pose;
+use voxelastic::query::AtlasQuery;
 use voxelastic_eval::MeshView;
 use voxelastic_eval::align::{AlignSettings, align};
 use voxelastic_eval::colour::error_colours;
 use voxelastic_eval::layers::{LAYER_PLACES, LAYER_REACH, Layers, layers};
 use voxelastic_eval::metrics::{CompareSettings, Comparison, compare};
+use voxelastic_eval::occupancy::{self, OccupancyScores};
+use voxelastic_ground::{Body, FloorScores, Ground, TrueWorld, compare_floor};
 use voxelastic_io::mesh_io::{MeshRef, write_ply};
+use voxelastic_run::map_files::LoadedMap;
+use voxelastic_sim::{Simulation, World};
 
 /// Runs the command.
 pub fn run(args: &EvalArgs) -> anyhow::Result<u8> {
@@ -93,13 +97,30 @@ fn against_truth(args: &EvalArgs, mut measured: Measured, truth: &Truth) -> anyh
     if let (Some(simulation), Some(map)) =
         (truth.simulation.as_ref().filter(|_| with_occupancy), measured.map().filter(|m| measured::has_occupancy(&m.atlas)))
     {
-        summary.occupancy = Some(space::score(&space::Task { simulation, map, t_truth_map: summary.t_truth_map, max_range: args.max_range }));
+        summary.occupancy = Some(occupancy_scores(simulation, map, summary.t_truth_map, args.max_range));
         // Heights are compared along the world's vertical.
         if summary.t_truth_map == Pose::identity() {
-            summary.floor = floor::score(simulation.world(), map);
+            summary.floor = floor_scores(simulation.world(), map);
         }
     }
     Ok(summary)
+}
+
+/// Compares free and occupied space with the world along true beams.
+fn occupancy_scores(simulation: &Simulation, map: &LoadedMap, t_truth_map: Pose, max_range: f32) -> OccupancyScores {
+    let points = simulation.probes(f64::from(max_range.min(map.settings.max_range)), map.settings.voxel_size);
+    tracing::info!("comparing free and occupied space at {} points", points.len());
+    let (query, t_map_truth) = (AtlasQuery::new(&map.atlas), t_truth_map.inverse());
+    let state = |p: [f32; 3]| query.state((t_map_truth * Point3::from(p.map(f64::from))).coords.into());
+    occupancy::score(&points, state, |p| simulation.world().distance(p.map(f64::from)) as f32, map.settings.voxel_size)
+}
+
+/// Compares the floor of a map, whose frame is that of the world; none where no floor is found.
+fn floor_scores(world: &World, map: &LoadedMap) -> Option<FloorScores> {
+    let (voxel, body) = (f64::from(map.settings.voxel_size), Body::default());
+    let ground = Ground::of(&map.atlas, voxel, &body).map_err(|why| tracing::warn!("the floor is not measured: {why}")).ok()?;
+    let (distance, cast) = (|p| world.distance(p), |from, direction, length| world.cast(from, direction, length).map(|hit| hit.range));
+    Some(compare_floor(TrueWorld { distance: &distance, cast: &cast }, &ground, body, voxel))
 }
 
 /// Surfaces of a mesh on top of each other.

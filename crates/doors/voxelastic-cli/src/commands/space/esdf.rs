@@ -120,7 +120,7 @@ impl EsdfArgs {
     }
 
     fn write(&self, format: Format, map: &LoadedMap) -> anyhow::Result<u8> {
-        let (space, surfaces) = (map.atlas.query(), DistanceQuery::new(&map.atlas));
+        let (space, surfaces) = (AtlasQuery::new(&map.atlas), DistanceQuery::new(&map.atlas));
         self.check(map, &space, surfaces.is_empty())?;
         let clock = Instant::now();
         let unknown = if self.to_unknown { UnknownAs::Blocked } else { UnknownAs::Free };

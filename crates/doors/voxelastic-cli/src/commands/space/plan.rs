@@ -1,7 +1,6 @@
 //! `voxelastic plan`: plans a path for a robot through a map.
 
 mod args;
-pub mod file;
 mod picture;
 mod recheck;
 
@@ -13,7 +12,9 @@ use args::explain;
 use serde::Serialize;
 use std::io::Write;
 use std::path::Path;
+use voxelastic::query::AtlasQuery;
 use voxelastic_plan::{plan, sharpest_turn};
+use voxelastic_run::export::path;
 use voxelastic_run::map_files;
 use voxelastic_run::threads;
 
@@ -28,7 +29,7 @@ struct Summary<'a> {
     #[serde(serialize_with = "crate::output::optional_path")]
     picture: Option<&'a Path>,
     #[serde(flatten)]
-    figures: &'a file::Figures,
+    figures: &'a path::Figures,
     waypoints: usize,
     tree_nodes: usize,
 }
@@ -36,15 +37,15 @@ struct Summary<'a> {
 /// Runs the command.
 pub fn run(args: &PlanArgs) -> anyhow::Result<u8> {
     let map = map_files::load(&args.map, args.load.into())?;
-    let query = map.atlas.query();
+    let query = AtlasQuery::new(&map.atlas);
     if let Some(file) = &args.recheck {
         return recheck::run(args, file, &map, &query);
     }
     let (Some(start), Some(goal), Some(output)) = (args.start, args.goal, &args.output) else { anyhow::bail!("start, goal and output are missing") };
     let request = args.request(start, goal, map.origin);
     let found = plan(&query, &request).map_err(|error| explain(args, error))?;
-    let figures = file::Figures::new(&request, &found, map.origin);
-    let path = file::PathFile::new(&args.map, &map, &found, figures);
+    let figures = path::Figures::new(&request, &found, map.origin);
+    let path = path::PathFile::new(&args.map, &map, &found, figures);
     write(output, &path)?;
     if let Some(to) = &args.picture {
         threads::pool(args.threads)?.install(|| picture::draw(to, &query, &request, &found, map.origin))?;

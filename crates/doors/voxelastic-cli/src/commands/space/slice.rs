@@ -9,7 +9,7 @@ use serde::Serialize;
 use std::path::{Path, PathBuf};
 use voxelastic::field::occupancy::State;
 use voxelastic::geometry::Aabb;
-use voxelastic::query::{Axis, DistanceQuery, DistanceSlice, Slice, SliceRequest};
+use voxelastic::query::{AtlasQuery, Axis, DistanceQuery, DistanceSlice, Slice, SliceRequest};
 use voxelastic_eval::colour::{Ramp, Rgb};
 use voxelastic_eval::grid_view::GridView;
 use voxelastic_io::Origin;
@@ -119,7 +119,7 @@ pub fn run(args: &SliceArgs) -> anyhow::Result<u8> {
     let pool = threads::pool(args.threads)?;
     pool.install(|| {
         let map = map_files::load(&args.map, args.load.into())?;
-        let occupancy = map.atlas.query();
+        let occupancy = AtlasQuery::new(&map.atlas);
         if !occupancy.is_empty() {
             let request = args.request(occupancy.bounds(), &map);
             return args.draw_states(&map, &request, &occupancy.slice(&request));

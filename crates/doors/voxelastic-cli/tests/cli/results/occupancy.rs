@@ -113,7 +113,7 @@ fn octomap_leaves(file: &Path) -> Option<Vec<[f64; 5]>> {
 fn compare(map: &Path, leaves: &[[f64; 5]]) {
     let atlas = MapStore::open(map).unwrap().load_atlas().unwrap();
     assert!(atlas.submaps().len() > 1, "{} submaps", atlas.submaps().len());
-    let query = atlas.query();
+    let query = atlas.query().unwrap();
     let (mut free, mut occupied, mut agree) = (0, 0, 0);
     for &[x, y, z, edge, log_odds] in leaves {
         let n = (edge / 0.1).round().max(1.0);

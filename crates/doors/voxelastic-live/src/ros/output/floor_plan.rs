@@ -3,6 +3,7 @@
 use crate::ros::messages::{Grid, GridPart};
 use voxelastic::atlas::Atlas;
 use voxelastic::field::occupancy::State;
+use voxelastic::query::AtlasQuery;
 use voxelastic_ground::{Body, Ground, GroundError, GroundTiles, TilesCopy};
 
 /// Longest side, cells; beyond it, cells are twice, four times, .. as large.
@@ -42,7 +43,7 @@ impl GridSettings {
     /// Edge of a cell for a map, metres.
     pub fn resolution(&self, atlas: &Atlas) -> f64 {
         let mut resolution = self.resolution.unwrap_or_else(|| decimal(f64::from(atlas.voxel_size())));
-        let size = atlas.query().bounds().size();
+        let size = AtlasQuery::new(atlas).bounds().size();
         while f64::from(size[0].max(size[1])) > MOST_CELLS * resolution {
             resolution *= 2.0;
         }

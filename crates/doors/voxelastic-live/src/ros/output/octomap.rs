@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 use voxelastic::atlas::Atlas;
-use voxelastic::query::Resampling;
+use voxelastic::query::{AtlasQuery, Resampling};
 use voxelastic_io::octomap;
 
 /// It is published at most this often ...
@@ -47,7 +47,7 @@ impl OctomapState {
 }
 
 fn nodes(atlas: &Atlas) -> Option<(f64, Vec<u8>)> {
-    let query = atlas.query();
+    let query = AtlasQuery::new(atlas);
     if query.is_empty() {
         return None;
     }

@@ -8,6 +8,7 @@ use rayon::prelude::*;
 use voxelastic::atlas::{Atlas, Submap};
 use voxelastic::field::occupancy::{State, state_of};
 use voxelastic::octree::{BLOCK_EDGE, NONE, block_coords, voxel_coords};
+use voxelastic::query::AtlasQuery;
 use voxelastic_run::map_files::{self, LoadedMap};
 
 /// A map, or a surface from a file.
@@ -90,7 +91,7 @@ fn occupied(map: &LoadedMap) -> Vec<[f32; 3]> {
     let mut cells: Vec<[i32; 3]> = map.atlas.submaps().par_iter().flat_map_iter(|submap| occupied_cells(submap, voxel)).collect();
     cells.par_sort_unstable();
     cells.dedup();
-    let query = map.atlas.query();
+    let query = AtlasQuery::new(&map.atlas);
     let centre = |cell: [i32; 3]| cell.map(|c| (f64::from(c) + 0.5) * voxel);
     cells.into_par_iter().map(centre).filter(|c| query.state(*c) == State::Occupied).map(|c| c.map(|c| c as f32)).collect()
 }

@@ -1,6 +1,5 @@
 //! Results of `voxelastic eval`.
 
-use super::floor::FloorScores;
 use super::path::TrajectoryErrors;
 use serde::Serialize;
 use std::path::PathBuf;
@@ -8,6 +7,7 @@ use voxelastic::Pose;
 use voxelastic_eval::layers::Layers;
 use voxelastic_eval::metrics::Comparison;
 use voxelastic_eval::occupancy::OccupancyScores;
+use voxelastic_ground::FloorScores;
 
 /// The keys of `--json`.
 #[derive(Debug, Serialize)]

@@ -1,10 +1,10 @@
 //! Results as text.
 
-use super::floor::FloorScores;
 use super::summary::Summary;
 use voxelastic_eval::DistanceStats;
 use voxelastic_eval::metrics::Comparison;
 use voxelastic_eval::occupancy::{OccupancyScores, Score};
+use voxelastic_ground::FloorScores;
 
 /// Tables of all results that are present.
 pub fn table(summary: &Summary) -> String {

@@ -9,6 +9,7 @@ use nalgebra::Point3;
 use serde::Serialize;
 use std::time::Duration;
 use voxelastic::event::NodeId;
+use voxelastic::query::AtlasQuery;
 use voxelastic::{Mapper, Pose};
 use voxelastic_explore::{Decision, Explorer, FrontierCluster, Purpose};
 use voxelastic_plan::Point;
@@ -144,7 +145,7 @@ impl Course {
         }
         let is_due = self.moments.last().is_none_or(|last| robot.time() >= last.time_s + INTERVAL);
         if is_due || is_last {
-            let known_share = truth.known_share(&robot.atlas().query());
+            let known_share = truth.known_share(&AtlasQuery::new(robot.atlas()));
             self.moments.push(Moment {
                 time_s: robot.time(),
                 distance_m: robot.distance(),
@@ -198,7 +199,7 @@ impl Course {
             distance_to_90_percent_m: self.distance_to(0.9),
             distance_to_95_percent_m: self.distance_to(0.95),
             tare_volume_m3: robot.tare_volume(),
-            surface_error_m: SurfaceError::new(robot.world(), &robot.atlas().query(), bounds),
+            surface_error_m: SurfaceError::new(robot.world(), &AtlasQuery::new(robot.atlas()), bounds),
             is_home: self.is_home,
             collisions: robot.collisions,
             scans: robot.track.len(),

@@ -6,7 +6,7 @@ use crate::map_picture;
 use anyhow::Context;
 use std::path::Path;
 use voxelastic::geometry::Aabb;
-use voxelastic::query::{Axis, SliceRequest};
+use voxelastic::query::{AtlasQuery, Axis, SliceRequest};
 use voxelastic_eval::colour::{Ramp, Rgb};
 use voxelastic_eval::grid_view::{Dot, GridView, Line};
 use voxelastic_explore::ExploreSettings;
@@ -16,7 +16,7 @@ const HOME: Rgb = [30, 150, 60];
 
 /// Draws the picture.
 pub fn draw(file: &Path, robot: &SimulatedRobot, course: &Course, settings: &ExploreSettings) -> anyhow::Result<()> {
-    let map = robot.atlas().query();
+    let map = AtlasQuery::new(robot.atlas());
     let [low, high] = settings.bounds;
     let known = map.bounds();
     let mut bounds = Aabb { min: low.map(|c| c as f32), max: high.map(|c| c as f32) };

@@ -1,13 +1,13 @@
 //! `voxelastic plan --recheck`: checks a stored path in the present map.
 
 use super::args::{PlanArgs, explain};
-use super::file::StoredPath;
 use crate::{failure, output};
 use serde::Serialize;
 use std::path::Path;
 use voxelastic::field::occupancy::State;
 use voxelastic::query::{AtlasQuery, UnknownAs};
 use voxelastic_plan::{BlockedSegment, FlyingSpace, GroundSpace, PlanError, Point, Robot, distance, length, recheck, resolve_anchors};
+use voxelastic_run::export::path::StoredPath;
 use voxelastic_run::map_files::LoadedMap;
 
 /// The keys of `--json` for a recheck.

@@ -1,8 +1,11 @@
-//! Colours of a mesh from images of cameras.
+//! Colours of a mesh from images of cameras, by the poses of its map.
 
-use crate::failure::{Failure, one_line};
-use crate::texturing::{MeshTexture, TextureSummary};
-use clap::Args;
+mod texture;
+
+pub use texture::{MeshTexture, TextureSummary};
+
+use crate::error::{Error, Result};
+use crate::map_files::{self, LoadedMap};
 use rayon::prelude::*;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -14,56 +17,26 @@ use voxelastic_colour::{PaintOptions, Painted, Painter, Picture, Places, PoseTra
 use voxelastic_io::images::{self, Image, ImageOptions, Images};
 use voxelastic_io::poses;
 use voxelastic_report::RunLog;
-use voxelastic_run::map_files::LoadedMap;
 
-/// Arguments that select images to colour a mesh with.
-#[derive(Clone, Debug, Default, Args)]
-#[command(next_help_heading = "Colours from images")]
-pub struct ImageArgs {
-    /// Colour vertices by images: a folder with cameras.toml, or a recording with sensor_msgs/Image or CompressedImage. The map says where the lidar was
-    #[arg(long, value_name = "DATA")]
-    images: Option<PathBuf>,
-    /// Intrinsics and extrinsics of the cameras, if the file is not cameras.toml in DATA, or the recording lacks them
-    #[arg(long, value_name = "FILE.toml", requires = "images")]
-    cameras: Option<PathBuf>,
-    /// The topics of the images in a recording [default: all with intrinsics]
-    #[arg(long, value_name = "TOPIC", requires = "images")]
-    image_topic: Vec<String>,
-    /// The topic of the clouds that were mapped, whose frame is the lidar's, if the recording has several
-    #[arg(long, value_name = "TOPIC", requires = "images", hide_short_help = true)]
-    cloud_topic: Option<String>,
-    /// Pose of the camera in the vehicle frame (x right, y down, z ahead), if neither cameras.toml nor /tf_static has it
-    #[arg(long, value_name = "\"X Y Z QX QY QZ QW\"", value_parser = crate::args::data::pose, allow_hyphen_values = true, requires = "images")]
-    t_base_camera: Option<Pose>,
-    /// Pose of the lidar in the vehicle frame [default: the lidar is the vehicle]
-    #[arg(long, value_name = "\"X Y Z QX QY QZ QW\"", value_parser = crate::args::data::pose, allow_hyphen_values = true, requires = "images")]
-    t_base_lidar: Option<Pose>,
-    /// Trajectory with times that is denser than the scans of the map, such as that of odometry: what it moved between two scans is used, not where it was
-    #[arg(long, value_name = "FILE", requires = "images")]
-    image_motion: Option<PathBuf>,
-    /// Trajectory with times, map frame, instead of the corrected poses in the map
-    #[arg(long, value_name = "FILE", requires = "images", conflicts_with = "image_motion")]
-    image_poses: Option<PathBuf>,
-    /// Use one of every N images
-    #[arg(long, value_name = "N", default_value_t = 1, requires = "images", value_parser = clap::value_parser!(u32).range(1..))]
-    image_every: u32,
-    /// Largest distance from a camera at which surfaces are coloured, metres
-    #[arg(long, value_name = "M", default_value_t = 40.0, requires = "images", value_parser = reach)]
-    image_range: f32,
-    /// With .glb: a texture instead of colours of vertices, with texels so many metres apart, such as 0.01
-    #[arg(long, value_name = "M", requires = "images", value_parser = texel)]
-    texture: Option<f32>,
-    /// Do not even out the exposures of the images: for cameras with a fixed exposure
-    #[arg(long, requires = "images")]
-    keep_exposure: bool,
-}
-
-fn reach(text: &str) -> Result<f32, String> {
-    text.parse().ok().filter(|m: &f32| *m >= 0.1 && *m <= 1e4).ok_or_else(|| "must be a number from 0.1 to 10000".to_owned())
-}
-
-fn texel(text: &str) -> Result<f32, String> {
-    text.parse().ok().filter(|m: &f32| *m >= 0.001 && *m <= 10.0).ok_or_else(|| "must be a number from 0.001 to 10".to_owned())
+/// Which images colour a surface, and how.
+#[derive(Clone, Debug)]
+pub struct Painting {
+    /// A folder with cameras.toml, or a recording.
+    pub data: PathBuf,
+    /// Where its cameras are; poses are of the lidar.
+    pub images: ImageOptions,
+    /// Trajectory with times, map frame, instead of the corrected poses of the map.
+    pub poses: Option<PathBuf>,
+    /// Trajectory with times that is denser than the scans of the map: what it moved between two scans is used.
+    pub motion: Option<PathBuf>,
+    /// One of so many images is used, 1 or more.
+    pub every: usize,
+    /// Largest distance from a camera at which surfaces are coloured, metres.
+    pub reach: f32,
+    /// Distance between texels, metres, if there is to be a texture.
+    pub texel: Option<f32>,
+    /// Whether the exposures of the images are taken as they are.
+    pub keep_exposure: bool,
 }
 
 /// What was done, as `--json` has it.
@@ -102,42 +75,22 @@ pub struct ImagesLeftOut {
     show_nothing: usize,
 }
 
-impl ImageArgs {
-    /// Where the images are, if they are to be used.
-    pub fn data(&self) -> Option<&Path> {
-        self.images.as_deref()
-    }
-
-    /// Whether there is to be a texture.
-    pub fn has_texture(&self) -> bool {
-        self.texture.is_some()
-    }
-
-    fn options(&self) -> ImageOptions {
-        ImageOptions {
-            cameras: self.cameras.clone(),
-            topics: self.image_topic.clone(),
-            cloud_topic: self.cloud_topic.clone(),
-            t_base_camera: self.t_base_camera,
-            t_base_lidar: self.t_base_lidar,
-        }
-    }
-
+impl Painting {
     /// Poses of the lidar by time, without the map's origin.
-    fn track(&self, map: &LoadedMap, path: &Path) -> anyhow::Result<PoseTrack> {
-        let t_base_lidar = self.t_base_lidar.unwrap_or_else(Pose::identity);
-        let read = |file: &Path| -> anyhow::Result<Vec<(f64, Pose)>> {
+    fn track(&self, map: &LoadedMap, path: &Path) -> Result<PoseTrack> {
+        let t_base_lidar = self.images.t_base_lidar.unwrap_or_else(Pose::identity);
+        let read = |file: &Path| -> Result<Vec<(f64, Pose)>> {
             let trajectory = poses::read(file)?;
             let Some(times) = trajectory.times else {
-                return Err(Failure::new(format!("{}: its poses have no times", file.display()), "give a trajectory with times, such as TUM").into());
+                return Err(Error::new(format!("{}: its poses have no times", file.display()), "give a trajectory with times, such as TUM"));
             };
             Ok(times.into_iter().zip(trajectory.poses.into_iter().map(|t_map_base| t_map_base * t_base_lidar)).collect())
         };
-        if let Some(file) = &self.image_poses {
+        if let Some(file) = &self.poses {
             return Ok(PoseTrack::new(read(file)?.into_iter().map(|(time, pose)| (time, map.origin.to_local(pose))).collect()));
         }
         let track = PoseTrack::new(corrected_poses(map, path)?);
-        Ok(match &self.image_motion {
+        Ok(match &self.motion {
             Some(file) => track.with_motion(read(file)?),
             None => track,
         })
@@ -148,25 +101,21 @@ impl ImageArgs {
     ///
     /// # Errors
     /// Where images or poses cannot be read, and if no image could be used.
-    pub fn paint(&self, data: &Path, map: &LoadedMap, path: &Path, mesh: &mut Mesh) -> anyhow::Result<(PaintSummary, Option<MeshTexture>)> {
+    pub fn paint(&self, map: &LoadedMap, path: &Path, mesh: &mut Mesh) -> Result<(PaintSummary, Option<MeshTexture>)> {
         let clock = Instant::now();
         let track = self.track(map, path)?;
-        let images = images::open(data, &self.options())?;
-        images.notes().iter().for_each(|note| tracing::warn!("{}: {note}", data.display()));
+        let images = images::open(&self.data, &self.images)?;
+        images.notes().iter().for_each(|note| tracing::warn!("{}: {note}", self.data.display()));
         let surface = Surface { positions: &mesh.positions, normals: &mesh.normals, triangles: &mesh.triangles };
-        let options = PaintOptions {
-            reach: self.image_range,
-            accuracy: map.settings.voxel_size,
-            even_exposure: !self.keep_exposure,
-            ..PaintOptions::default()
-        };
+        let options =
+            PaintOptions { reach: self.reach, accuracy: map.settings.voxel_size, even_exposure: !self.keep_exposure, ..PaintOptions::default() };
         let mut painting =
-            Painting { painter: Painter::new(surface, options), summary: PaintSummary::default(), first_problem: None, counted: Counted::default() };
+            Pass { painter: Painter::new(surface, options), summary: PaintSummary::default(), first_problem: None, counted: Counted::default() };
         painting.summary.cameras = images.cameras().len();
-        painting.add_all(&images, &track, self.image_every as usize);
-        let Painting { painter, mut summary, first_problem, mut counted } = painting;
+        painting.add_all(&images, &track, self.every);
+        let Pass { painter, mut summary, first_problem, mut counted } = painting;
         if summary.used == 0 {
-            return Err(nothing_used(data, &summary, &track, first_problem));
+            return Err(nothing_used(&self.data, &summary, &track, first_problem));
         }
         let painted = painter.finish();
         summary.add(&painted, self.keep_exposure);
@@ -181,12 +130,12 @@ impl ImageArgs {
         let paint = |places: Places<'_>| {
             let painter = Painter::of_places(surface, places, options);
             counted.is_known = true;
-            let mut again = Painting { painter, summary: PaintSummary::default(), first_problem: None, counted: std::mem::take(&mut counted) };
-            again.add_all(&images, &track, self.image_every as usize);
+            let mut again = Pass { painter, summary: PaintSummary::default(), first_problem: None, counted: std::mem::take(&mut counted) };
+            again.add_all(&images, &track, self.every);
             counted = again.counted;
             again.painter.finish_with(&exposures)
         };
-        let texture = self.texture.map(|texel| MeshTexture::paint(surface, &mesh.colours, texel, paint)).transpose()?;
+        let texture = self.texel.map(|texel| MeshTexture::paint(surface, &mesh.colours, texel, paint)).transpose()?;
         summary.texture = texture.as_ref().map(MeshTexture::summary);
         summary.paint_s = clock.elapsed().as_secs_f64();
         summary.log();
@@ -195,8 +144,8 @@ impl ImageArgs {
 }
 
 /// The poses of the scans of a map as they are now, with the times that the log of the run has.
-fn corrected_poses(map: &LoadedMap, path: &Path) -> anyhow::Result<Vec<(f64, Pose)>> {
-    let log: Option<RunLog> = voxelastic_run::map_files::run_log(&voxelastic_run::map_files::open(path)?);
+fn corrected_poses(map: &LoadedMap, path: &Path) -> Result<Vec<(f64, Pose)>> {
+    let log: Option<RunLog> = map_files::run_log(&map_files::open(path)?);
     let mut times: Vec<(NodeId, f64)> = log.map(|log| log.scans.node.into_iter().zip(log.scans.time_s).collect()).unwrap_or_default();
     times.sort_by_key(|(node, _)| *node);
     let mut timed = Vec::new();
@@ -209,16 +158,16 @@ fn corrected_poses(map: &LoadedMap, path: &Path) -> anyhow::Result<Vec<(f64, Pos
     }
     if timed.is_empty() {
         let remedy = "name a trajectory of the lidar with times, in the map frame, with --image-poses";
-        return Err(Failure::new(format!("{}: the map has no log (run.json) with the times of its scans", path.display()), remedy).into());
+        return Err(Error::new(format!("{}: the map has no log (run.json) with the times of its scans", path.display()), remedy));
     }
     Ok(timed)
 }
 
-/// A mesh that is being coloured.
-struct Painting<'a> {
+/// A mesh that is being coloured, while all images are looked at once.
+struct Pass<'a> {
     painter: Painter<'a>,
     summary: PaintSummary,
-    first_problem: Option<anyhow::Error>,
+    first_problem: Option<Error>,
     counted: Counted,
 }
 
@@ -233,7 +182,7 @@ struct Counted {
 /// Problems with single images that are warned of one by one.
 const MOST_WARNINGS: usize = 3;
 
-impl Painting<'_> {
+impl Pass<'_> {
     fn add_all(&mut self, images: &Images, track: &PoseTrack, every: usize) {
         let batch = 2 * rayon::current_num_threads();
         let mut waiting: Vec<(usize, Image, Pose)> = Vec::new();
@@ -275,9 +224,9 @@ impl Painting<'_> {
                 self.painter.skip();
                 continue;
             };
-            let added = picture.map_err(anyhow::Error::from).and_then(|picture| {
+            let added = picture.map_err(Error::from).and_then(|picture| {
                 let t_map_camera = t_map_lidar * camera.t_lidar_camera;
-                self.painter.add(&camera.model, &t_map_camera, &picture).map_err(anyhow::Error::from)
+                self.painter.add(&camera.model, &t_map_camera, &picture).map_err(Error::from)
             });
             if !self.counted.is_known {
                 self.counted.images[k] = added.is_ok();
@@ -290,11 +239,11 @@ impl Painting<'_> {
         }
     }
 
-    fn leave_out(&mut self, problem: anyhow::Error) {
+    fn leave_out(&mut self, problem: Error) {
         self.summary.left_out.unreadable += 1;
         match self.summary.left_out.unreadable {
             _ if self.counted.is_known => {}
-            count if count <= MOST_WARNINGS => tracing::warn!("left out: {}", one_line(&problem)),
+            count if count <= MOST_WARNINGS => tracing::warn!("left out: {}", problem.one_line()),
             count if count == MOST_WARNINGS + 1 => tracing::warn!("left out: more images for such reasons"),
             _ => {}
         }
@@ -303,11 +252,11 @@ impl Painting<'_> {
 }
 
 /// Why no image could be used.
-fn nothing_used(data: &Path, summary: &PaintSummary, track: &PoseTrack, first_problem: Option<anyhow::Error>) -> anyhow::Error {
+fn nothing_used(data: &Path, summary: &PaintSummary, track: &PoseTrack, first_problem: Option<Error>) -> Error {
     let PaintSummary { found, left_out, .. } = summary;
     // The most frequent reason.
     if let Some(problem) = first_problem.filter(|_| left_out.unreadable >= left_out.without_pose.max(left_out.show_nothing)) {
-        return problem.context("no image can be used");
+        return Error::During { doing: "no image can be used".to_owned(), source: Box::new(problem) };
     }
     let (what, remedy) = if *found == 0 {
         ("there are no images".to_owned(), "record images, or name their topic with --image-topic")
@@ -324,7 +273,7 @@ fn nothing_used(data: &Path, summary: &PaintSummary, track: &PoseTrack, first_pr
             "check the extrinsics: x to the right, y down, z ahead; and --image-range",
         )
     };
-    Failure::new(format!("{}: no image can be used: {what}", data.display()), remedy).into()
+    Error::new(format!("{}: no image can be used: {what}", data.display()), remedy)
 }
 
 impl PaintSummary {

@@ -1,15 +1,14 @@
-//! The file `path.json`, written and read. Its keys are documented and stable; further keys may be added.
+//! A planned path as a file (`path.json`), written and read. Its keys are documented and stable; further keys may be added.
 
-use crate::failure::Failure;
-use anyhow::Context;
+use crate::error::{Error, Result};
+use crate::map_files::LoadedMap;
 use serde::{Deserialize, Serialize};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use voxelastic::event::NodeId;
 use voxelastic::query::UnknownAs;
 use voxelastic_io::Origin;
 use voxelastic_plan::{Anchor, Plan, Point, Request, Robot, Wheels, anchor_path, distance, sharpest_turn};
 use voxelastic_report::content::PlannedPath;
-use voxelastic_run::map_files::LoadedMap;
 
 /// Version of the file.
 const FORMAT: u32 = 1;
@@ -19,10 +18,10 @@ const FORMAT: u32 = 1;
 pub struct PathFile {
     format: u32,
     generator: &'static str,
-    #[serde(serialize_with = "crate::output::path")]
-    map: PathBuf,
+    map: String,
     frame: &'static str,
     #[serde(flatten)]
+    /// The request, and the properties of the path.
     pub figures: Figures,
     path: Vec<Point>,
     clearance_m: Vec<f64>,
@@ -70,6 +69,7 @@ struct TreeRecord {
 }
 
 impl Figures {
+    /// Of what was planned in a map with this origin.
     pub fn new(request: &Request, plan: &Plan, origin: Origin) -> Self {
         let ends = [plan.path.first(), plan.path.last()].map(|p| p.copied().unwrap_or_default());
         Self {
@@ -95,6 +95,7 @@ impl Figures {
 }
 
 impl PathFile {
+    /// Of what was planned in `map`, which was loaded from `path`.
     pub fn new(path: &Path, map: &LoadedMap, plan: &Plan, figures: Figures) -> Self {
         let anchors = anchor_path(&map.atlas, &plan.path).into_iter().map(|a| AnchorRecord { node: a.node, place: a.position });
         // A tenth of a millimetre is enough to draw with.
@@ -103,7 +104,7 @@ impl PathFile {
         Self {
             format: FORMAT,
             generator: concat!("voxelastic ", env!("CARGO_PKG_VERSION")),
-            map: path.to_path_buf(),
+            map: path.to_string_lossy().into_owned(),
             frame: "map",
             figures,
             path: plan.path.iter().map(|p| map.origin.point_to_map(*p)).collect(),
@@ -141,16 +142,17 @@ fn format() -> u32 {
 
 impl StoredPath {
     /// Reads a path file, for a map with this origin: points have it taken off.
-    pub fn read(file: &Path, origin: Origin) -> anyhow::Result<Self> {
-        let text = std::fs::read_to_string(file).with_context(|| format!("cannot read the planned path {}", file.display()))?;
-        let refuse = |why: String| Failure::new(format!("{}: not a planned path: {why}", file.display()), "give a file that `voxelastic plan` wrote");
+    pub fn read(file: &Path, origin: Origin) -> Result<Self> {
+        let text = std::fs::read_to_string(file)
+            .map_err(|e| Error::During { doing: format!("cannot read the planned path {}", file.display()), source: Box::new(e.into()) })?;
+        let refuse = |why: String| Error::new(format!("{}: not a planned path: {why}", file.display()), "give a file that `voxelastic plan` wrote");
         let mut stored: Self = serde_json::from_str(&text).map_err(|e| refuse(e.to_string()))?;
         if stored.format != FORMAT {
-            return Err(refuse(format!("its format is {}, supported is {FORMAT}", stored.format)).into());
+            return Err(refuse(format!("its format is {}, supported is {FORMAT}", stored.format)));
         }
         let count = stored.tree.points.len();
         if stored.tree.parents.len() != count || stored.tree.parents.iter().flatten().any(|parent| *parent as usize >= count) {
-            return Err(refuse("its tree has parents that do not exist".to_owned()).into());
+            return Err(refuse("its tree has parents that do not exist".to_owned()));
         }
         let points = stored.path.iter_mut().chain(&mut stored.tree.points).chain(stored.start.iter_mut()).chain(stored.goal.iter_mut());
         points.for_each(|p| *p = origin.point_to_local(*p));

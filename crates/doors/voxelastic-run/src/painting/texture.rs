@@ -1,6 +1,6 @@
 //! Textures of meshes from images of cameras.
 
-use crate::failure::Failure;
+use crate::error::{Error, Result};
 use rayon::prelude::*;
 use serde::Serialize;
 use voxelastic_colour::{Places, Surface, Texel, TextureLayout, texture_pages};
@@ -12,6 +12,7 @@ const TOGETHER: usize = 1 << 22;
 /// A texture of a mesh.
 #[derive(Debug, Default)]
 pub struct MeshTexture {
+    /// The images, encoded.
     pub images: Vec<EncodedTexture>,
     summary: TextureSummary,
 }
@@ -44,7 +45,7 @@ impl MeshTexture {
     ///
     /// # Errors
     /// If an image cannot be encoded.
-    pub fn paint(surface: Surface<'_>, colours: &[[u8; 3]], texel: f32, mut paint: impl PaintPlaces) -> anyhow::Result<Self> {
+    pub fn paint(surface: Surface<'_>, colours: &[[u8; 3]], texel: f32, mut paint: impl PaintPlaces) -> Result<Self> {
         let mut texture = Self::default();
         for page in texture_pages(&surface, texel, TOGETHER) {
             if !page.is_empty() {
@@ -55,9 +56,9 @@ impl MeshTexture {
     }
 
     /// Adds the image of some triangles.
-    fn add(&mut self, surface: Surface<'_>, colours: &[[u8; 3]], texel: f32, page: &[u32], paint: &mut impl PaintPlaces) -> anyhow::Result<()> {
+    fn add(&mut self, surface: Surface<'_>, colours: &[[u8; 3]], texel: f32, page: &[u32], paint: &mut impl PaintPlaces) -> Result<()> {
         let triangles: Vec<[u32; 3]> = page.iter().map(|t| surface.triangles[*t as usize]).collect();
-        let too_large = |e| Failure::new(format!("{e}"), "use larger texels (--texture), or a coarser mesh (--lod 1)");
+        let too_large = |e| Error::new(format!("{e}"), "use larger texels (--texture), or a coarser mesh (--lod 1)");
         let layout = TextureLayout::new(&Surface { triangles: &triangles, ..surface }, texel).map_err(too_large)?;
         let [width, height] = layout.size();
         let of = |t: usize| layout.of(t).map(move |texel| (t as u32, texel));
@@ -82,7 +83,7 @@ impl MeshTexture {
         }
         let corners: Vec<[[f32; 2]; 3]> = (0..triangles.len()).into_par_iter().map(|t| layout.corners(t)).collect();
         let image = Texture { size: [width, height], texels: &texels, triangles: page, corners: &corners }.encode();
-        self.images.push(image.map_err(|problem| Failure::new(problem, ""))?);
+        self.images.push(image.map_err(|problem| Error::new(problem, ""))?);
         let summary = &mut self.summary;
         summary.images += 1;
         (summary.texels, summary.texels_visible) = (summary.texels + found.len(), summary.texels_visible + found.iter().flatten().count());

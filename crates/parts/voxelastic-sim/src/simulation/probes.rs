@@ -1,11 +1,8 @@
-//! Free and occupied space along the beams of the sensor, compared with a simulated world.
+//! Places along the beams of a simulated sensor, where a map can be compared with the world.
 
+use super::Simulation;
 use rayon::prelude::*;
 use voxelastic::Pose;
-use voxelastic::field::occupancy::State as Known;
-use voxelastic_eval::occupancy::{self, OccupancyScores, State};
-use voxelastic_run::map_files::LoadedMap;
-use voxelastic_sim::Simulation;
 
 /// Largest number of scans, evenly selected.
 const SCANS: usize = 120;
@@ -14,37 +11,13 @@ const BEAMS: usize = 4096;
 /// Points in the free space of a beam.
 const STEPS: usize = 8;
 
-/// Input of the comparison.
-pub struct Task<'a> {
-    /// The simulation: world, sensor and route.
-    pub simulation: &'a Simulation,
-    /// The map.
-    pub map: &'a LoadedMap,
-    /// Maps map coordinates to world coordinates.
-    pub t_truth_map: Pose,
-    /// Maximum range of the beams, metres.
-    pub max_range: f32,
-}
-
-/// Compares the map with the world along true beams: in the space before the surface, and half a voxel behind it.
-pub fn score(task: &Task<'_>) -> OccupancyScores {
-    let Task { simulation, map, t_truth_map, max_range } = task;
-    let voxel = map.settings.voxel_size;
-    let range = f64::from(max_range.min(map.settings.max_range)).min(simulation.lidar().settings().max_range);
-    let scans = simulation.ground_truth();
-    let points: Vec<[f32; 3]> = spread(scans.len(), SCANS).par_iter().flat_map_iter(|&k| along_beams(simulation, &scans[k], range, voxel)).collect();
-    tracing::info!("comparing free and occupied space at {} points", points.len());
-    let query = map.atlas.query();
-    let t_map_truth = t_truth_map.inverse();
-    let state_at = |p: [f32; 3]| {
-        let p = t_map_truth * nalgebra::Point3::from(p.map(f64::from));
-        match query.state(p.coords.into()) {
-            Known::Free => State::Free,
-            Known::Occupied => State::Occupied,
-            Known::Unknown => State::Unknown,
-        }
-    };
-    occupancy::score(&points, state_at, |p| simulation.world().distance(p.map(f64::from)) as f32, voxel)
+impl Simulation {
+    /// Points along true beams of at most `range` metres, world frame: in the space before the surface, and half a voxel of `voxel` metres behind it.
+    pub fn probes(&self, range: f64, voxel: f32) -> Vec<[f32; 3]> {
+        let scans = self.ground_truth();
+        let range = range.min(self.lidar().settings().max_range);
+        spread(scans.len(), SCANS).par_iter().flat_map_iter(|&k| along_beams(self, &scans[k], range, voxel)).collect()
+    }
 }
 
 /// Up to `most` of the numbers below `count`, evenly spaced.

@@ -1,11 +1,18 @@
-//! The floor and the 2-D maps of it, compared with a simulated world.
+//! The floor and the 2-D maps of it, compared with a world that is known exactly.
 
+use crate::{Body, Ground, Known, Storey};
 use rayon::prelude::*;
 use serde::Serialize;
 use voxelastic::field::occupancy::State;
-use voxelastic_ground::{Body, Ground, Known, Storey};
-use voxelastic_run::map_files::LoadedMap;
-use voxelastic_sim::World;
+
+/// A world that is known exactly, in the frame of the map, metres.
+#[derive(Clone, Copy)]
+pub struct TrueWorld<'a> {
+    /// Signed distance to the nearest surface, negative inside.
+    pub distance: &'a (dyn Fn([f64; 3]) -> f64 + Sync),
+    /// How far it is from a point in a direction of length 1 to a surface, if that is within a length.
+    pub cast: &'a (dyn Fn([f64; 3], [f64; 3], f64) -> Option<f64> + Sync),
+}
 
 /// Points along an edge of a cell where the world is looked at, if an obstacle may be in the cell.
 const POINTS: usize = 5;
@@ -47,7 +54,7 @@ pub struct FloorScores {
 
 /// What there is in the world where the map has a cell.
 struct Judge<'a> {
-    world: &'a World,
+    world: TrueWorld<'a>,
     body: Body,
     voxel: f64,
     edge: f64,
@@ -60,11 +67,8 @@ struct Found {
     error: Option<[f64; 2]>,
 }
 
-/// Compares the floor of a map, whose frame is that of the world; none where no floor is found.
-pub fn score(world: &World, map: &LoadedMap) -> Option<FloorScores> {
-    let voxel = f64::from(map.settings.voxel_size);
-    let body = Body::default();
-    let ground = Ground::of(&map.atlas, voxel, &body).map_err(|why| tracing::warn!("the floor is not measured: {why}")).ok()?;
+/// Compares the floor of a map that was found for `body`, in cells of a voxel of `voxel` metres, with the world.
+pub fn compare(world: TrueWorld<'_>, ground: &Ground, body: Body, voxel: f64) -> FloorScores {
     let judge = Judge { world, body, voxel, edge: voxel };
     let mut scores = FloorScores { storeys: ground.storeys().len(), resolution_m: voxel, ..FloorScores::default() };
     let mut errors: Vec<[f64; 2]> = Vec::new();
@@ -88,7 +92,7 @@ pub fn score(world: &World, map: &LoadedMap) -> Option<FloorScores> {
     let at = |share: f64| errors.get((share * errors.len() as f64) as usize).map_or(f64::NAN, |e| e[0]);
     (scores.height_median_m, scores.height_p95_m) = (at(0.5), at(0.95));
     scores.within_two_sigma = errors.iter().filter(|[error, sigma]| *error <= 2.0 * sigma).count() as f64 / errors.len().max(1) as f64;
-    Some(scores)
+    scores
 }
 
 impl Judge<'_> {
@@ -114,8 +118,8 @@ impl Judge<'_> {
     /// Height of the surface below a point just above the floor of the map.
     fn floor(&self, [x, y]: [f64; 2], height: f64) -> Option<f64> {
         let from = [x, y, height + REACH];
-        let hit = self.world.cast(from, [0.0, 0.0, -1.0], 2.0 * REACH)?;
-        (self.world.distance(from) > 0.0).then_some(height + REACH - hit.range)
+        let range = (self.world.cast)(from, [0.0, 0.0, -1.0], 2.0 * REACH)?;
+        ((self.world.distance)(from) > 0.0).then_some(height + REACH - range)
     }
 
     /// Whether the true floor rises or falls by more than the robot climbs, or nearly so, or ends.
@@ -138,7 +142,7 @@ impl Judge<'_> {
         let (mut z, high, mut least) = (height + self.body.step, height + self.body.height, f64::INFINITY);
         let floor = self.floor([x, y], height).unwrap_or(height);
         while z <= high {
-            let distance = self.world.distance([x, y, z]);
+            let distance = (self.world.distance)([x, y, z]);
             if distance < z - floor - 1e-6 || floor > height + self.body.step {
                 least = least.min(distance);
             }
