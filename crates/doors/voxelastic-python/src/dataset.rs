@@ -12,7 +12,7 @@ use voxelastic::Pose;
 use voxelastic::event::{Edge, Event, NodeId, Scan as CoreScan};
 use voxelastic::motion::ImuSample;
 use voxelastic::sensor::BeamModel;
-use voxelastic_io::{OpenOptions, PoseKind, SensorFolder, SensorTopic};
+use voxelastic_io::{OpenOptions, PointTimes, PoseKind, SensorFolder, SensorTopic};
 use voxelastic_run::poses::OdometrySetup;
 use voxelastic_run::precision::{LARGEST_VEHICLE, near};
 use voxelastic_run::{Input, Inputs, Source, Warnings};
@@ -69,7 +69,7 @@ impl Dataset {
         more_folders: Vec<PathBuf>,
         pose_topic: Option<String>,
         metadata: Option<PathBuf>,
-        deskew: bool,
+        point_times: &str,
         time_tolerance: f64,
         strict: bool,
         slam: Option<bool>,
@@ -94,7 +94,11 @@ impl Dataset {
             more_sensors: cloud_topics.iter().enumerate().skip(1).map(further).collect(),
             pose_topic,
             metadata,
-            deskew,
+            point_times: if point_times.is_empty() {
+                PointTimes::default()
+            } else {
+                point_times.parse().map_err(|e: String| PyValueError::new_err(format!("point_times: {e}")))?
+            },
             time_tolerance_s: time_tolerance,
             mount_timeout_s: None,
             ..OpenOptions::default()

@@ -19,6 +19,8 @@ pub enum Code {
     MountingOff,
     /// The times of points cannot be what they seem.
     DoubtfulTimes,
+    /// The times of points are read otherwise than they say, because surfaces are sharper so.
+    TimesChanged,
     /// A scan has no pose: it is not registered, or nothing gives one.
     NotRegistered,
     /// The trajectory begins anew: no scan fitted for a while.
@@ -85,6 +87,7 @@ impl Code {
             Self::PosesChanged => "poses-changed",
             Self::MountingOff => "mounting-off",
             Self::DoubtfulTimes => "doubtful-times",
+            Self::TimesChanged => "times-changed",
             Self::NotRegistered => "not-registered",
             Self::NewPiece => "new-piece",
             Self::Degenerate => "degenerate",

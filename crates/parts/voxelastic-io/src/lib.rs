@@ -115,7 +115,7 @@ pub use clouds::CloudFormat;
 pub use dataset::Dataset;
 pub use error::{Error, Position, Result};
 pub use graph::PoseGraph;
-pub use options::{OpenOptions, PoseKind, SensorFolder, SensorTopic};
+pub use options::{OpenOptions, PointTimes, PoseKind, SensorFolder, SensorTopic};
 pub use origin::Origin;
 pub use poses::{PoseFormat, Trajectory};
 pub use read_ahead::IdleStep;

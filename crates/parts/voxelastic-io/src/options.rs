@@ -2,6 +2,7 @@
 
 use crate::scan_list::Keyframing;
 use std::path::PathBuf;
+use std::str::FromStr;
 use voxelastic::Pose;
 use voxelastic::geometry::PoseChange;
 
@@ -14,6 +15,33 @@ pub enum PoseKind {
     Optimised,
     /// Before: odometry, for those who optimise the graph themselves.
     Odometry,
+}
+
+/// What the times of points mean.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum PointTimes {
+    /// What they say; where that leaves two readings, whoever opens the data may decide.
+    #[default]
+    Undecided,
+    /// What they say.
+    Given,
+    /// The part of a sweep, which takes as long as it takes until the next cloud.
+    OverInterval,
+    /// Nothing: clouds are undistorted already.
+    Undistorted,
+}
+
+impl FromStr for PointTimes {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text {
+            "given" => Ok(Self::Given),
+            "over-interval" => Ok(Self::OverInterval),
+            "undistorted" => Ok(Self::Undistorted),
+            _ => Err(format!("{text:?} is none of: given, over-interval, undistorted")),
+        }
+    }
 }
 
 /// A further sensor of a recording.
@@ -70,8 +98,8 @@ pub struct OpenOptions {
     pub use_imu: bool,
     /// The sensor's metadata of a capture, or the angles of its beams, where they are not found by their name.
     pub metadata: Option<PathBuf>,
-    /// Whether clouds whose points have times get the lidar's motion, so that they are corrected for the motion during the sweep.
-    pub deskew: bool,
+    /// What the times of points mean. Clouds whose points have times get the lidar's motion, so that they are corrected for the motion during the sweep.
+    pub point_times: PointTimes,
     /// The clouds of a robot that runs wait for the transform that says where their lidar is on it. After so many seconds without it the poses are taken for those of the lidar; none: never.
     pub mount_timeout_s: Option<f64>,
     /// How far in time the nearest pose may be from a cloud when they are matched by time, seconds.
@@ -96,7 +124,7 @@ impl Default for OpenOptions {
             imu_topic: None,
             use_imu: true,
             metadata: None,
-            deskew: true,
+            point_times: PointTimes::default(),
             mount_timeout_s: None,
             time_tolerance_s: 0.01,
         }

@@ -1,5 +1,6 @@
 //! A cloud with the time that it was taken.
 
+use crate::motion::time_span;
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering};
 use voxelastic::Cloud;
@@ -26,6 +27,15 @@ pub struct StampedCloud {
     pub has_shares: bool,
 }
 
+/// How long the sweeps of a sensor take.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct SweepTime {
+    /// The usual time between its clouds, seconds, if it is known.
+    pub(crate) interval_s: Option<f64>,
+    /// Whether times of points are stretched, so that a sweep takes that long.
+    pub(crate) is_stretched: bool,
+}
+
 impl StampedCloud {
     /// A cloud with times in seconds, from a stamp on, if it has any.
     pub(crate) fn new(cloud: Cloud, stamp: Option<f64>) -> Self {
@@ -33,9 +43,10 @@ impl StampedCloud {
     }
 
     /// The cloud with point times relative to `time`, seconds, if its own stamp comes from the same clock. Shares become seconds if it is known how long a sweep takes,
-    /// which is the `interval` between clouds; else they are left out. Times that run on from cloud to cloud count from the earliest point.
-    pub(crate) fn relative_to(self, time: f64, interval: Option<f64>) -> Cloud {
+    /// which is the interval between clouds; else they are left out. Times that run on from cloud to cloud count from the earliest point.
+    pub(crate) fn relative_to(self, time: f64, SweepTime { interval_s: interval, is_stretched }: SweepTime) -> Cloud {
         let Self { mut cloud, stamp, has_shares } = self;
+        let has_shares = has_shares || (is_stretched && become_shares(&mut cloud));
         if has_shares {
             match (&mut cloud.time, interval) {
                 (Some(times), Some(interval)) => times.iter_mut().for_each(|t| *t *= interval as f32),
@@ -61,6 +72,13 @@ impl StampedCloud {
         }
         cloud
     }
+}
+
+/// Makes the times of points shares of their sweep: by the first and the last of the returns.
+fn become_shares(cloud: &mut Cloud) -> bool {
+    let Some((low, high)) = time_span(cloud) else { return false };
+    cloud.time.iter_mut().flatten().for_each(|t| *t = (*t - low) / (high - low));
+    true
 }
 
 /// The usual time between the clouds of a sensor, from those that came.
@@ -111,12 +129,20 @@ mod tests {
         let cloud = Cloud { points: vec![[1.0, 2.0, 3.0]; 3], time: Some(vec![0.0, 0.5, 1.0]), ..Cloud::default() };
         let shares = StampedCloud { cloud, stamp: None, has_shares: true };
         let mut interval = Interval::default();
+        let of = |interval_s| SweepTime { interval_s, is_stretched: false };
         assert_eq!(interval.after(10.0), None);
         let usual = [10.05, 10.1, 10.15, 10.35].map(|time| interval.after(time));
         assert!(usual.into_iter().flatten().all(|s| (s - 0.05).abs() < 1e-9), "one that was lost does not count: {usual:?}");
         assert_eq!(interval.before_first().after(99.0), usual[3], "what the beginning showed holds for its first cloud");
-        assert_eq!(shares.clone().relative_to(0.0, usual[3]).time.unwrap(), [0.0, 0.025, 0.05]);
-        assert_eq!(shares.relative_to(0.0, None).time, None);
+        assert_eq!(shares.clone().relative_to(0.0, of(usual[3])).time.unwrap(), [0.0, 0.025, 0.05]);
+        assert_eq!(shares.relative_to(0.0, of(None)).time, None);
+    }
+
+    #[test]
+    fn times_are_stretched_over_the_interval() {
+        let cloud = Cloud { points: vec![[1.0, 2.0, 3.0]; 3], time: Some(vec![-0.02, 0.0, 0.02]), ..Cloud::default() };
+        let stretched = StampedCloud::new(cloud, None).relative_to(3.0, SweepTime { interval_s: Some(0.1), is_stretched: true });
+        assert_eq!(stretched.time.unwrap(), [0.0, 0.05, 0.1]);
     }
 
     #[test]
@@ -124,9 +150,13 @@ mod tests {
         let points = vec![[0.0; 3], [1.0, 2.0, 3.0], [1.0, 2.0, 3.0]];
         let at =
             |from: f32| StampedCloud::new(Cloud { points: points.clone(), time: Some(vec![0.0, from, from + 0.0625]), ..Cloud::default() }, None);
-        assert_eq!(at(0.5).relative_to(7.0, Some(0.1)).time.unwrap()[1..], [0.0, 0.0625]);
-        assert_eq!(at(0.5).relative_to(7.0, None).time.unwrap()[1..], [0.0, 0.0625]);
-        assert_eq!(at(0.05).relative_to(7.0, Some(0.1)).time.unwrap()[1..], [0.05, 0.1125], "a sensor that looks at half of the circle");
+        assert_eq!(at(0.5).relative_to(7.0, SweepTime { interval_s: Some(0.1), is_stretched: false }).time.unwrap()[1..], [0.0, 0.0625]);
+        assert_eq!(at(0.5).relative_to(7.0, SweepTime::default()).time.unwrap()[1..], [0.0, 0.0625]);
+        assert_eq!(
+            at(0.05).relative_to(7.0, SweepTime { interval_s: Some(0.1), is_stretched: false }).time.unwrap()[1..],
+            [0.05, 0.1125],
+            "a sensor that looks at half of the circle"
+        );
     }
 
     #[test]

@@ -6,6 +6,7 @@
 //! | [`loops`] | places that were visited before, found again from the scans alone |
 //! | [`join`] | where one map or session lies in another |
 //! | [`pose_check`] | whether given poses belong to the scans, and under which reading they would |
+//! | [`TimesTrial`] | what the times of points mean, by the surfaces |
 //! | [`slam`] | raw scans in, the mapper's events out |
 //! | [`Corrector`] | loop closures and corrected poses, inserted into the events |
 //! | [`refine`] | poses corrected by the surfaces: bundle adjustment over planes |
@@ -25,6 +26,8 @@ mod raw_scan;
 pub mod refine;
 mod registration;
 pub mod slam;
+mod times_trial;
 
 pub use corrector::Corrector;
 pub use error::SlamError;
+pub use times_trial::{TimesTrial, TimesVerdict};

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use voxelastic::Pose;
 use voxelastic::geometry::PoseChange;
 use voxelastic_io::source::{self, Source};
-use voxelastic_io::{Keyframing, OpenOptions, PoseKind, SensorFolder, SensorTopic};
+use voxelastic_io::{Keyframing, OpenOptions, PointTimes, PoseKind, SensorFolder, SensorTopic};
 use voxelastic_run::precision::{LARGEST_VEHICLE, near};
 use voxelastic_run::source::Examination;
 use voxelastic_run::{HoldOut, PosesCheck, Warnings};
@@ -69,9 +69,9 @@ pub struct ReadingArgs {
     /// Of packets: the metadata (.json) of an Ouster sensor, or the angles of the beams (.csv) of a Hesai or RoboSense, if they are not found by name
     #[arg(long, value_name = "FILE", hide_short_help = true)]
     metadata: Option<PathBuf>,
-    /// Do not compensate the motion of the sensor during a sweep: for clouds that are compensated already but still have point times
-    #[arg(long, hide_short_help = true)]
-    no_deskew: bool,
+    /// What the times of points mean: what they say (given), the part of a sweep that takes until the next cloud comes (over-interval), or nothing, because clouds are compensated for motion already (undistorted) [default: given; where a sweep lasts much shorter than that, the reading under which surfaces are sharpest]
+    #[arg(long, value_name = "WHAT", hide_short_help = true)]
+    point_times: Option<PointTimes>,
     /// Largest time difference between a scan and its pose, seconds
     #[arg(long, value_name = "S", default_value_t = TIME_TOLERANCE_S, value_parser = seconds, hide_short_help = true)]
     time_tolerance: f64,
@@ -92,7 +92,7 @@ impl Default for ReadingArgs {
             imu_topic: None,
             no_imu: false,
             metadata: None,
-            no_deskew: false,
+            point_times: None,
             time_tolerance: TIME_TOLERANCE_S,
         }
     }
@@ -145,7 +145,7 @@ impl DataArgs {
             imu_topic: self.reading.imu_topic.clone(),
             use_imu: !self.reading.no_imu,
             metadata: self.reading.metadata.clone(),
-            deskew: !self.reading.no_deskew,
+            point_times: self.reading.point_times.unwrap_or_default(),
             time_tolerance_s: self.reading.time_tolerance,
             mount_timeout_s: None,
         }

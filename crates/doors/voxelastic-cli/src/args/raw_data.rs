@@ -2,8 +2,8 @@
 
 use clap::Args;
 use std::path::{Path, PathBuf};
-use voxelastic_io::OpenOptions;
 use voxelastic_io::raw::{self, RawScans};
+use voxelastic_io::{OpenOptions, PointTimes};
 
 /// Arguments that select and describe scans without poses.
 #[derive(Debug, Args)]
@@ -24,12 +24,20 @@ pub struct RawDataArgs {
     /// Of packets: the metadata (.json) of an Ouster sensor, or the angles of the beams (.csv) of a Hesai or RoboSense, if they are not found by name
     #[arg(long, value_name = "FILE", hide_short_help = true)]
     metadata: Option<PathBuf>,
+    /// What the times of points mean: what they say (given), the part of a sweep that takes until the next cloud comes (over-interval), or nothing, because clouds are compensated for motion already (undistorted)
+    #[arg(long, value_name = "WHAT", default_value = "given", hide_short_help = true)]
+    point_times: PointTimes,
 }
 
 impl RawDataArgs {
     /// The folder or file.
     pub fn path(&self) -> &Path {
         &self.data
+    }
+
+    /// Whether clouds are to be compensated for motion.
+    pub fn are_distorted(&self) -> bool {
+        self.point_times != PointTimes::Undistorted
     }
 
     /// Opens the folder or recording.
@@ -39,6 +47,7 @@ impl RawDataArgs {
             imu_topic: self.imu_topic.clone(),
             use_imu: !self.no_imu,
             metadata: self.metadata.clone(),
+            point_times: self.point_times,
             ..OpenOptions::default()
         };
         raw::open(&self.data, &options)

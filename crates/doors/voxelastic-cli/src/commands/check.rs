@@ -13,14 +13,14 @@ use voxelastic::geometry::{PoseExt, Rigid};
 use voxelastic_eval::colour::Rgb;
 use voxelastic_eval::grid_view::GridView;
 use voxelastic_io::PoseKind;
-use voxelastic_run::source::{CheckScan, Examination, Verdict, pose_flags};
+use voxelastic_run::source::{CheckScan, Examination, Verdict, check_compensation, pose_flags};
 use voxelastic_run::{PosesCheck, Source, Warning, Warnings};
 
 /// Look at some of the data: what they are, whether poses fit the scans, what is doubtful
 ///
 /// Reads some of the scans and compares how the lidar moved by their surfaces with how it moved by the poses. Where the two disagree, it looks for the reading of
 /// the poses under which they agree, and names the flags that set it. The picture shows two scans on each other from above: as the poses place them, and, if these
-/// are doubtful, as the best reading does.
+/// are doubtful, as the best reading does. Of clouds whose points have times it says whether their surfaces are sharper with another reading of these.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   voxelastic check hall                       what would be mapped, and whether it can be right
@@ -81,6 +81,7 @@ pub fn run(args: &CheckArgs) -> anyhow::Result<u8> {
     let options = args.data.options(false);
     let (source, found) = args.data.source(false, false, PoseKind::default(), PosesCheck::Warn, &mut warnings)?;
     let found = found.context("nothing was examined")?;
+    check_compensation(&found, args.data.path(), &options, &mut warnings);
     let picture = args.output.as_deref().filter(|_| !found.sample.pairs.is_empty());
     picture.map(|file| draw(file, &found, options.t_base_lidar.as_ref())).transpose()?;
     let summary = Summary::of(&source, &found, found.poses.as_ref().and_then(|check| pose_flags(check, &options)), &warnings, picture);

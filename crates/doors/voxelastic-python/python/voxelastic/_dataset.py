@@ -58,7 +58,7 @@ class Dataset:
         also: str | os.PathLike[str] | Sequence[str | os.PathLike[str]] = (),
         pose_topic: str | None = None,
         metadata: str | os.PathLike[str] | None = None,
-        deskew: bool = True,
+        point_times: str = "",
         time_tolerance: float = 0.01,
         strict: bool = False,
         slam: bool | None = None,
@@ -80,7 +80,9 @@ class Dataset:
             also: A folder, or several, with the scans and poses of further sensors, which are mapped together with `path`.
             pose_topic: The topic of the poses in a recording, if there are several.
             metadata: The sensor metadata of an Ouster capture, or the angles of the beams of a Hesai's, if they are not found by name.
-            deskew: Compensate the motion of the sensor during a sweep, where points have times.
+            point_times: What the times of points mean: "given", what they say; "over-interval", the part of a sweep, which takes until the next cloud comes;
+                "undistorted", nothing, because clouds are compensated for motion already. By default what they say, and where a sweep would last much shorter than
+                the time between clouds, the reading under which surfaces are sharpest.
             time_tolerance: Largest time between a scan and its pose, seconds.
             strict: A scan that cannot be read is an error; otherwise it is skipped with a warning.
             slam: Whether to do without the poses in the data; by default if there are none.
@@ -90,12 +92,12 @@ class Dataset:
                 reading; "off" does not compare them.
 
         Warns:
-            RunWarning: The poses do not fit the scans.
+            RunWarning: The poses do not fit the scans, or the times of points are doubtful.
 
         Raises:
             FileNotFoundError: There is nothing of this name.
             FileError: The data cannot be recognised or read; the message lists what was found.
-            ValueError: `every`, `time_tolerance`, `t_base_lidar`, `pose_change` or `poses_check` cannot be meant so.
+            ValueError: `every`, `time_tolerance`, `t_base_lidar`, `point_times`, `pose_change` or `poses_check` cannot be meant so.
         """
         options = {name: value for name, value in locals().items() if name not in ("cls", "path")}
         path = Path(path)
@@ -112,7 +114,7 @@ class Dataset:
         this = object.__new__(cls)
         this._path, this._strict, this._options = path, strict, options
         this._cursor, this._lock = None, threading.Lock()
-        given = (pose_file, odometry, graph_file, lidars, interval, topics, folders, pose_topic, metadata_file, deskew, float(time_tolerance), strict, slam)
+        given = (pose_file, odometry, graph_file, lidars, interval, topics, folders, pose_topic, metadata_file, point_times, float(time_tolerance), strict, slam)
         this._inner, said = _native.Dataset.open(path, *given, pose_change, poses_check)
         for code, text in said:
             warnings.warn(RunWarning(text, code), stacklevel=2)

@@ -122,7 +122,7 @@ class Dataset:
         more_folders: Sequence[str | os.PathLike[str]],
         pose_topic: str | None,
         metadata: str | os.PathLike[str] | None,
-        deskew: bool,
+        point_times: str,
         time_tolerance: float,
         strict: bool,
         slam: bool | None,

@@ -14,7 +14,7 @@ use voxelastic::event::{Event, NodeId};
 use voxelastic::geometry::stored::StoredPose;
 use voxelastic::motion::Motion;
 use voxelastic_io::bag::KEYFRAME_DISTANCE_M;
-use voxelastic_io::{KeyframeFilter, Keyframing, OpenOptions};
+use voxelastic_io::{KeyframeFilter, Keyframing, OpenOptions, PointTimes};
 use voxelastic_slam::odometry::{OdometrySettings, Status};
 use voxelastic_slam::slam::{RawScan, Slam, SlamState};
 
@@ -37,7 +37,7 @@ impl OdometrySetup {
     /// As the options say, with `usual` keyframes if they say nothing of these.
     pub fn new(options: &OpenOptions, usual: Keyframing) -> Self {
         let mut settings = OdometrySettings::default();
-        settings.deskew = options.deskew;
+        settings.deskew = options.point_times != PointTimes::Undistorted;
         Self { settings, t_first_sensor: Vec::new(), keyframing: options.keyframing.unwrap_or(usual), most: usize::MAX, hold_out: None }
     }
 

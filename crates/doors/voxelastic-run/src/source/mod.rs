@@ -5,12 +5,14 @@ mod inputs;
 mod pose_check;
 mod raw;
 mod sample;
+mod times_check;
 
 pub use hold_out::HoldOut;
 pub use inputs::Inputs;
 pub use pose_check::{PosesCheck, pose_flags, pose_problem};
 pub use raw::RawSource;
 pub use sample::{Examination, Sample, SampledCloud};
+pub use times_check::check_compensation;
 pub use voxelastic_slam::pose_check::{CheckScan, Verdict};
 
 use crate::poses::{OdometrySetup, OdometryStage};

@@ -3,6 +3,7 @@
 use crate::Result;
 use crate::source::Source;
 use crate::source::sample::Examination;
+use crate::source::times_check;
 use crate::warning::{Code, Warnings};
 use std::path::Path;
 use std::str::FromStr;
@@ -52,12 +53,18 @@ impl Source {
         what: PosesCheck,
         warnings: &mut Warnings,
     ) -> Result<(Self, Option<Examination>)> {
-        let source = Self::open(path, options, slam)?;
+        let mut source = Self::open(path, options, slam)?;
         if what == PosesCheck::Off {
             return Ok((source, None));
         }
-        let found = source.examine(options);
-        found.tell_clouds(warnings);
+        let mut found = source.examine(options);
+        let mut options = options.clone();
+        if let Some(reading) = times_check::decide(&found, path, &options, warnings) {
+            options.point_times = reading;
+            source = Self::open(path, &options, slam)?;
+            found = source.examine(&options);
+        }
+        let options = &options;
         let Some(check) = &found.poses else { return Ok((source, Some(found))) };
         let change = remedy(check, options);
         let Some((change, flags)) = change.filter(|_| what == PosesCheck::Fix) else {

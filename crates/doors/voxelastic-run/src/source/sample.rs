@@ -2,7 +2,6 @@
 
 use super::{Inputs, Source};
 use crate::input::Input;
-use crate::warning::{Code, Warnings};
 use voxelastic::event::Event;
 use voxelastic::geometry::PoseExt;
 use voxelastic::{Cloud, Pose};
@@ -16,12 +15,6 @@ const PAIRS: (usize, usize, usize) = (6, 12, 12);
 const MOST_APART: usize = 5;
 /// Scans of a recording, or without poses, that are read from their beginning.
 const FROM_BEGINNING: usize = 12;
-/// A sweep lasts no longer than this many intervals between clouds: scans overlap a little, and clocks jitter.
-const MOST_INTERVALS: f64 = 1.3;
-/// A sweep that fills less of the interval between clouds is one of a part of the circle or of every second cloud, or its times are in another unit.
-const LEAST_INTERVALS: f64 = 0.6;
-/// Intervals at which sensors send clouds, seconds: those of keyframes say nothing.
-const SENSOR_INTERVALS: std::ops::RangeInclusive<f64> = 0.02..=0.3;
 
 /// What some of the data look like.
 #[derive(Clone, Debug)]
@@ -56,32 +49,6 @@ pub struct SampledCloud {
     pub range_m: f32,
     /// The time from its first to its last point, seconds; none where points have no times.
     pub sweep_s: Option<f64>,
-}
-
-impl Examination {
-    /// Says what the times of points mean, and what is doubtful about them.
-    pub(super) fn tell_clouds(&self, warnings: &mut Warnings) {
-        let Some(sweep) = self.sample.sweep_s() else {
-            if !self.sample.clouds.is_empty() {
-                tracing::info!("points have no times: clouds are taken as they are, undistorted or not");
-            }
-            return;
-        };
-        tracing::info!("points have times: a sweep takes {:.1} ms", sweep * 1e3);
-        let Some(interval) = self.sample.interval_s else { return };
-        let remedy = "write them in seconds, or in ns as whole numbers; --no-deskew does without them";
-        if sweep > MOST_INTERVALS * interval {
-            let text = format!(
-                "a sweep takes {sweep:.3} s by the times of its points, but clouds come every {interval:.3} s: the times are in another unit, or of several sweeps"
-            );
-            warnings.add(Code::DoubtfulTimes, text, remedy);
-        } else if sweep < LEAST_INTERVALS * interval && SENSOR_INTERVALS.contains(&interval) {
-            let text = format!(
-                "a sweep takes {sweep:.3} s by the times of its points, but clouds come every {interval:.3} s: that is right if the sensor looks at a part of the circle, or clouds were left out; else the times are in another unit"
-            );
-            warnings.add(Code::DoubtfulTimes, text, remedy);
-        }
-    }
 }
 
 impl Sample {
@@ -177,25 +144,4 @@ fn interval(times: &[f64]) -> Option<f64> {
 fn middle(mut values: Vec<f64>) -> Option<f64> {
     values.sort_by(f64::total_cmp);
     values.get(values.len() / 2).copied()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn sweeps_that_do_not_fill_the_interval_between_clouds_are_doubted() {
-        let said = |sweep_s: f64, interval_s: f64| {
-            let cloud = SampledCloud { returns: 1000, range_m: 20.0, sweep_s: Some(sweep_s) };
-            let sample = Sample { clouds: vec![cloud; 5], interval_s: Some(interval_s), ..Sample::default() };
-            let mut warnings = Warnings::default();
-            Examination { poses: None, sample }.tell_clouds(&mut warnings);
-            warnings.all().first().map(|warning| warning.text.clone()).unwrap_or_default()
-        };
-        for (sweep, interval) in [(0.1, 0.1), (0.098, 0.1), (0.05, 0.05), (0.1, 2.0), (0.07, 0.1)] {
-            assert_eq!(said(sweep, interval), "", "{sweep} of {interval}");
-        }
-        assert!(said(0.2, 0.1).contains("several sweeps"), "{}", said(0.2, 0.1));
-        assert!(said(0.05, 0.1).contains("a part of the circle"), "{}", said(0.05, 0.1));
-    }
 }

@@ -87,7 +87,7 @@ impl RawPlayer {
                 self.release().map_or(Polled::End, |scan| Polled::Item(Ok(scan)))
             }
             Some(Ok(SensorMessage::Cloud(message))) => {
-                let (index, time, sensor, interval) = (self.clouds, message.time, message.sensor, message.interval_s);
+                let (index, time, sensor, sweep) = (self.clouds, message.time, message.sensor, message.sweep);
                 self.clouds += 1;
                 let of_sensor = self.of_sensors.entry(sensor).or_default();
                 let node = NodeId::from(sensor) * NODES_OF_SENSOR + *of_sensor;
@@ -95,8 +95,7 @@ impl RawPlayer {
                 match (message.decode)() {
                     Ok(decoded) => {
                         self.log.add(node, DeliveredScan { index: index as u64, motion: None });
-                        let scan =
-                            RecordedScan { index, node, time, cloud: Cloud { sensor, ..decoded.relative_to(time, interval) }, imu: Vec::new() };
+                        let scan = RecordedScan { index, node, time, cloud: Cloud { sensor, ..decoded.relative_to(time, sweep) }, imu: Vec::new() };
                         self.waiting.push_back((self.stream.as_ref().map_or(0.0, |stream| stream.now()), scan));
                         Polled::Nothing
                     }

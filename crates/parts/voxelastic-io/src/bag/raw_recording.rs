@@ -8,7 +8,7 @@ use super::topics::{choose_clouds, choose_further_clouds, choose_imu, further_fr
 use crate::capture::CaptureKind;
 use crate::motion::ImuMount;
 use crate::playback::{CloudRereader, MessageStream, OpenStream, PlaybackLog};
-use crate::{OpenOptions, Result};
+use crate::{OpenOptions, PointTimes, Result};
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -96,7 +96,17 @@ impl RawRecording {
         let without_stamps = summary.without_stamps(topics.iter().chain(&imu));
         let description =
             super::description::without_stamps(&without_stamps).map_or(description.clone(), |note| format!("{description}\nnote: {note}"));
-        let topics = StreamTopics { clouds: topics, frames, intervals, without_stamps, imu, packets: packets.sensors, ..StreamTopics::default() };
+        let stretches_times = options.point_times == PointTimes::OverInterval;
+        let topics = StreamTopics {
+            stretches_times,
+            clouds: topics,
+            frames,
+            intervals,
+            without_stamps,
+            imu,
+            packets: packets.sensors,
+            ..StreamTopics::default()
+        };
         let open: OpenStream = Arc::new(move || Ok(Box::new(BagStream::new(&files, topics.clone())) as Box<dyn MessageStream>));
         Ok(Self { path: path.into(), capture: None, open, model, count, description, t_lidar_imu, t_first_sensor, log })
     }

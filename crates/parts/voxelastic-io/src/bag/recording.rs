@@ -14,7 +14,7 @@ use crate::playback::{
 };
 use crate::read_ahead::{IdleStep, ReadAhead};
 use crate::scan_list::{KeyframeFilter, Keyframing, ScanEdges, ScanEntry};
-use crate::{Error, OpenOptions, Result};
+use crate::{Error, OpenOptions, PointTimes, Result};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -202,7 +202,8 @@ impl Recording {
                 let (clouds, packets, intervals) = (chosen.clouds.clone(), chosen.packets.sensors.clone(), chosen.intervals.clone());
                 let (corrections, without_stamps, frames) =
                     (self.options.correction_topic.clone(), chosen.without_stamps.clone(), chosen.frames.clone());
-                let topics = StreamTopics { clouds, frames, poses, corrections, imu: None, packets, intervals, without_stamps };
+                let stretches_times = self.options.point_times == PointTimes::OverInterval;
+                let topics = StreamTopics { clouds, frames, poses, corrections, imu: None, packets, intervals, stretches_times, without_stamps };
                 Arc::new(move || Ok(Box::new(BagStream::new(&files, topics.clone())) as Box<dyn MessageStream>))
             }
             Input::Capture(kind) => {
@@ -232,7 +233,7 @@ impl Recording {
             corrections: self.corrections.clone(),
             pose_change: self.options.pose_change,
             tolerance_s: self.options.time_tolerance_s,
-            deskew: self.options.deskew,
+            deskew: self.options.point_times != PointTimes::Undistorted,
             log: Arc::clone(&self.log),
             mount_timeout_s: None,
         }

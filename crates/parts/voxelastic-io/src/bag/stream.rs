@@ -9,7 +9,7 @@ use crate::capture::{PacketScans, PacketSensor, message as cloud_message};
 use crate::motion::PoseTrack;
 use crate::playback::{CloudMessage, MessageStream, SensorMessage};
 use crate::points::is_time;
-use crate::stamped_cloud::{Interval, StampedCloud};
+use crate::stamped_cloud::{Interval, StampedCloud, SweepTime};
 use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, VecDeque};
 use std::path::{Path, PathBuf};
@@ -85,6 +85,8 @@ pub(super) struct StreamTopics {
     pub(super) intervals: Vec<Interval>,
     /// Further sensors that publish to a topic of the clouds: the topic, and the frame of their clouds.
     pub(super) frames: Vec<[String; 2]>,
+    /// Whether times of points are stretched over the interval between clouds.
+    pub(super) stretches_times: bool,
     /// Topics whose messages have time stamps of zero: the times at which they were recorded are taken.
     pub(super) without_stamps: Vec<String>,
 }
@@ -220,7 +222,8 @@ impl SensorMessages {
             self.check_frame(sensor, &message.topic.name, &header.frame);
             let decode = Box::new(move || message.cloud());
             let interval_s = self.intervals.entry(sensor).or_default().after(time);
-            return Ok(SensorMessage::Cloud(CloudMessage { time, frame: header.frame, sensor, interval_s, has_times, bytes, decode }));
+            let sweep = SweepTime { interval_s, is_stretched: self.topics.stretches_times };
+            return Ok(SensorMessage::Cloud(CloudMessage { time, frame: header.frame, sensor, sweep, has_times, bytes, decode }));
         }
         if message.role == TopicRole::Imu {
             return decoder.imu().map(|sample| SensorMessage::Imu(ImuSample { time: self.topics.time(&message, sample.time), ..sample }));

@@ -1,7 +1,7 @@
 //! A capture as a stream of messages: one scan after the other.
 
 use crate::playback::{CloudMessage, MessageStream, SensorMessage};
-use crate::stamped_cloud::StampedCloud;
+use crate::stamped_cloud::{StampedCloud, SweepTime};
 use crate::{Error, Result};
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
@@ -71,5 +71,5 @@ pub(crate) fn message(scan: StampedCloud, time: f64, frame: &str, path: &Path) -
         let points = scan.cloud.len();
         if has_return { Ok(scan) } else { Err(Error::NoReturn { path, points }) }
     });
-    CloudMessage { time, frame: frame.into(), sensor: 0, interval_s: None, has_times: true, bytes, decode }
+    CloudMessage { time, frame: frame.into(), sensor: 0, sweep: SweepTime::default(), has_times: true, bytes, decode }
 }

@@ -107,7 +107,7 @@ impl Events {
     fn deliver(&mut self, k: usize, decoded: StampedCloud) {
         let scans = Arc::clone(&self.scans);
         let entry = &scans[k];
-        let cloud = self.context.with_motion(decoded.relative_to(entry.time, self.context.interval_s), entry);
+        let cloud = self.context.with_motion(decoded.relative_to(entry.time, self.context.sweeps), entry);
         let t_map_lidar = self.pose(k);
         self.ready.push_back(Ok(Event::Scan(Scan { node: entry.node, time: entry.time, t_map_lidar, cloud })));
         if let Some(previous) = self.previous {

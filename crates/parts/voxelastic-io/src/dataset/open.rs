@@ -16,8 +16,8 @@ use crate::dumps::{self, Dump};
 use crate::folders::name_of;
 use crate::motion::PoseTrack;
 use crate::scan_list::{ScanEdges, ScanEntry, select};
-use crate::stamped_cloud::Interval;
-use crate::{Error, OpenOptions, PoseFormat, Result, Trajectory, g2o, poses};
+use crate::stamped_cloud::{Interval, SweepTime};
+use crate::{Error, OpenOptions, PointTimes, PoseFormat, Result, Trajectory, g2o, poses};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use voxelastic::Pose;
@@ -116,10 +116,11 @@ fn open_folder(path: &Path, options: &OpenOptions) -> Result<Dataset> {
         description.graph(file, graph, &edges);
     }
     let has_times = times.of_clouds.is_some() || trajectory.times.is_some();
-    let track = (options.deskew && has_times).then(|| Arc::new(pose_track(&trajectory.earlier(options.pose_change.seconds), &stamped)));
+    let track = (options.point_times != PointTimes::Undistorted && has_times)
+        .then(|| Arc::new(pose_track(&trajectory.earlier(options.pose_change.seconds), &stamped)));
     let (t_base_lidar, pose_change) = (options.t_base_lidar, options.pose_change);
-    let interval_s = times.of_clouds.as_deref().and_then(Interval::of);
-    let context = SnapshotContext { t_base_lidar, pose_change, nodes, times: times.of_clouds, interval_s, has_times, track, further: Vec::new() };
+    let sweeps = sweep_time(times.of_clouds.as_deref(), options);
+    let context = SnapshotContext { t_base_lidar, pose_change, nodes, times: times.of_clouds, sweeps, has_times, track, further: Vec::new() };
     // Snapshots correct an estimate. The ground truth needs no corrections.
     let snapshots = if pose_file.is_ground_truth() { description.drop_snapshots() } else { folder.snapshots };
     Ok(Dataset {
@@ -131,6 +132,11 @@ fn open_folder(path: &Path, options: &OpenOptions) -> Result<Dataset> {
         ground_truth,
         description,
     })
+}
+
+/// How long a sweep takes by the times of the clouds.
+fn sweep_time(times: Option<&[f64]>, options: &OpenOptions) -> SweepTime {
+    SweepTime { interval_s: times.and_then(Interval::of), is_stretched: options.point_times == PointTimes::OverInterval }
 }
 
 /// Opens a folder in the layout of another SLAM system or data set.
@@ -154,11 +160,11 @@ fn open_dump(path: &Path, dump: Dump, options: &OpenOptions) -> Result<Dataset> 
     if let Some((file, graph)) = &graph {
         description.graph(&PoseFile { path: file.clone(), format: PoseFormat::G2o }, graph, &edges);
     }
-    let track = options.deskew.then(|| Arc::new(pose_track(&Trajectory::default(), &stamped)));
+    let track = (options.point_times != PointTimes::Undistorted).then(|| Arc::new(pose_track(&Trajectory::default(), &stamped)));
     let times: Option<Vec<f64>> = Some(stamped.iter().map(|(time, _)| *time).collect());
-    let interval_s = times.as_deref().and_then(Interval::of);
+    let sweeps = sweep_time(times.as_deref(), options);
     let (t_base_lidar, pose_change) = (options.t_base_lidar, options.pose_change);
-    let context = SnapshotContext { t_base_lidar, pose_change, nodes, times, interval_s, has_times: true, track, further: Vec::new() };
+    let context = SnapshotContext { t_base_lidar, pose_change, nodes, times, sweeps, has_times: true, track, further: Vec::new() };
     Ok(Dataset {
         path: path.into(),
         scans: scans.into(),

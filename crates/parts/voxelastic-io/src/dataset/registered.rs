@@ -61,7 +61,7 @@ impl Dataset {
     /// # Errors
     /// As [`crate::clouds::read`].
     pub fn cloud(&self, scan: &ScanEntry) -> Result<Cloud> {
-        Ok(self.context.with_motion(scan.read()?.relative_to(scan.time, self.context.interval_s), scan))
+        Ok(self.context.with_motion(scan.read()?.relative_to(scan.time, self.context.sweeps), scan))
     }
 
     /// Keeps only some of the scans, for instance to hold others out. Loop edges of dropped scans are dropped, too.

@@ -3,6 +3,7 @@
 use super::pose_file::Snapshot;
 use crate::motion::{LONGEST_GAP_S, PoseTrack, sweep_motion};
 use crate::scan_list::ScanEntry;
+use crate::stamped_cloud::SweepTime;
 use crate::{Error, Result, poses};
 use std::collections::HashSet;
 use std::sync::Arc;
@@ -22,8 +23,8 @@ pub(super) struct SnapshotContext {
     pub(super) nodes: Vec<NodeId>,
     /// Time of every cloud, if known, seconds.
     pub(super) times: Option<Vec<f64>>,
-    /// The usual time between the clouds of the folder, seconds, if it is known.
-    pub(super) interval_s: Option<f64>,
+    /// How long a sweep takes.
+    pub(super) sweeps: SweepTime,
     /// Whether scans have times.
     pub(super) has_times: bool,
     /// Poses of the lidar by time, if clouds are to get the lidar's motion.

@@ -81,7 +81,7 @@ mod tests {
     use super::*;
     use crate::motion::PoseTrack;
     use crate::scan_list::{KeyframeFilter, Keyframing};
-    use crate::stamped_cloud::StampedCloud;
+    use crate::stamped_cloud::{StampedCloud, SweepTime};
     use std::sync::Arc;
     use voxelastic::event::Event;
     use voxelastic::geometry::PoseChange;
@@ -106,7 +106,7 @@ mod tests {
             time,
             frame: "lidar".into(),
             sensor,
-            interval_s: None,
+            sweep: SweepTime::default(),
             has_times: false,
             bytes: 1,
             decode: Box::new(decode),

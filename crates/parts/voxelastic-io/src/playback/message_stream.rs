@@ -2,7 +2,7 @@
 
 use crate::Result;
 use crate::motion::PoseTrack;
-use crate::stamped_cloud::StampedCloud;
+use crate::stamped_cloud::{StampedCloud, SweepTime};
 use std::sync::Arc;
 use voxelastic::Pose;
 use voxelastic::motion::ImuSample;
@@ -52,8 +52,8 @@ pub(crate) struct CloudMessage {
     pub(crate) frame: String,
     /// Which of the sensors took it, in the order in which they were chosen.
     pub(crate) sensor: u16,
-    /// The usual time between its sensor's clouds so far, seconds, if it is known.
-    pub(crate) interval_s: Option<f64>,
+    /// How long a sweep of its sensor takes, as far as its clouds have shown it.
+    pub(crate) sweep: SweepTime,
     /// Whether its points have times of their own, as far as that is known before it is decoded.
     pub(crate) has_times: bool,
     /// Memory that it holds until it is decoded, bytes.

@@ -237,10 +237,10 @@ impl Player {
             self.log.left_out.fetch_add(1, Ordering::Relaxed);
             return;
         }
-        let CloudMessage { decode, frame, sensor, interval_s, .. } = cloud;
+        let CloudMessage { decode, frame, sensor, sweep, .. } = cloud;
         match decode() {
             Ok(decoded) => {
-                let mut cloud = decoded.relative_to(entry.time, interval_s);
+                let mut cloud = decoded.relative_to(entry.time, sweep);
                 cloud.sensor = sensor;
                 cloud.motion = self.motion(&cloud, &entry, &frame);
                 let t_child_lidar = self.poses.t_child_lidar(&frame, sensor);

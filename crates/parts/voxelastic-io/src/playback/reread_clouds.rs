@@ -36,7 +36,7 @@ impl ScanSource for CloudRereader {
             if next > index {
                 let decoded = (cloud.decode)()?;
                 self.stream = Some((stream, next));
-                return Ok(Cloud { motion, sensor: cloud.sensor, ..decoded.relative_to(cloud.time, cloud.interval_s) });
+                return Ok(Cloud { motion, sensor: cloud.sensor, ..decoded.relative_to(cloud.time, cloud.sweep) });
             }
         }
         Err("the recording ends before it".into())

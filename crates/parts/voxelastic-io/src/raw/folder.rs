@@ -5,8 +5,8 @@ use crate::clouds::CloudFormat;
 use crate::dumps;
 use crate::folders::{CloudFolder, ScanTimes, find_clouds, has_extension, list, match_times, name_of, read_scan_times, scan_numbers, stem_of};
 use crate::scan_list::{NODES_OF_SENSOR, read_scan};
-use crate::stamped_cloud::Interval;
-use crate::{Error, Result, SensorFolder, poses};
+use crate::stamped_cloud::{Interval, SweepTime};
+use crate::{Error, PointTimes, Result, SensorFolder, poses};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use voxelastic::event::NodeId;
@@ -26,8 +26,8 @@ pub(super) struct RawScan {
     /// Seconds, if known from files or names.
     time: Option<f64>,
     sweep: Option<[f64; 2]>,
-    /// The usual time between scans, seconds, if it is known.
-    interval_s: Option<f64>,
+    /// How long a sweep takes.
+    sweeps: SweepTime,
 }
 
 impl RawScan {
@@ -51,7 +51,7 @@ impl RawScan {
             node: self.node,
             time,
             sweep: self.sweep,
-            cloud: decoded.relative_to(time, self.interval_s),
+            cloud: decoded.relative_to(time, self.sweeps),
             imu: Vec::new(),
         })
     }
@@ -61,11 +61,11 @@ impl RawScan {
 ///
 /// # Errors
 /// [`Error::Dataset`] if scans of one have no times, and as [`read_folder`].
-pub(super) fn read_further_folders(path: &Path, scans: &mut Vec<RawScan>, further: &[SensorFolder]) -> Result<String> {
+pub(super) fn read_further_folders(path: &Path, scans: &mut Vec<RawScan>, further: &[SensorFolder], times: PointTimes) -> Result<String> {
     let mut text = String::new();
     check_times(path, scans)?;
     for (sensor, SensorFolder { path, .. }) in (1u16..).zip(further) {
-        let (others, described) = read_folder(path)?;
+        let (others, described) = read_folder(path, times)?;
         check_times(path, &others)?;
         let _ = write!(text, "\nsensor {}: {}: {}", sensor + 1, path.display(), described.lines().collect::<Vec<_>>().join("; "));
         scans.extend(others.into_iter().map(|scan| RawScan {
@@ -87,19 +87,19 @@ fn check_times(path: &Path, scans: &[RawScan]) -> Result<()> {
 }
 
 /// The scans of a folder, and their description.
-pub(super) fn read_folder(path: &Path) -> Result<(Vec<RawScan>, String)> {
+pub(super) fn read_folder(path: &Path, times: PointTimes) -> Result<(Vec<RawScan>, String)> {
     if CloudFormat::of(path) == Some(CloudFormat::E57) {
         let problem = "a file of laser scans, each from another position: not a sequence";
         return Err(Error::dataset(path, problem, "map it with the poses that it holds"));
     }
     match find_clouds(path) {
-        Ok(folder) => of_clouds(path, folder),
+        Ok(folder) => of_clouds(path, folder, times),
         // Dumps keep each cloud in a folder of its own.
         Err(error) => of_dump(path)?.ok_or(error),
     }
 }
 
-fn of_clouds(path: &Path, folder: CloudFolder) -> Result<(Vec<RawScan>, String)> {
+fn of_clouds(path: &Path, folder: CloudFolder, point_times: PointTimes) -> Result<(Vec<RawScan>, String)> {
     let times = times(path, &folder)?;
     let mut text = format!("clouds: {} {}", folder.clouds.len(), folder.format);
     let location = &folder.relative;
@@ -108,7 +108,7 @@ fn of_clouds(path: &Path, folder: CloudFolder) -> Result<(Vec<RawScan>, String)>
     text.push_str(&times.described);
     folder.notes.iter().for_each(|note| text.push_str(&format!("\nnote: {note}")));
     let numbers = scan_numbers(&folder.clouds);
-    let interval_s = times.times.as_deref().and_then(Interval::of);
+    let sweeps = SweepTime { interval_s: times.times.as_deref().and_then(Interval::of), is_stretched: point_times == PointTimes::OverInterval };
     let scan = |(index, cloud): (usize, &crate::folders::CloudFile)| RawScan {
         path: cloud.path.clone(),
         name: stem_of(&cloud.path),
@@ -117,7 +117,7 @@ fn of_clouds(path: &Path, folder: CloudFolder) -> Result<(Vec<RawScan>, String)>
         sensor: 0,
         time: times.times.as_ref().map(|t| t[index]),
         sweep: times.sweeps.as_ref().map(|s| s[index]),
-        interval_s,
+        sweeps,
     };
     Ok((folder.clouds.iter().enumerate().map(scan).collect(), text))
 }
@@ -133,7 +133,7 @@ fn of_dump(path: &Path) -> Result<Option<(Vec<RawScan>, String)>> {
         sensor: 0,
         time: Some(entry.time),
         sweep: None,
-        interval_s: None,
+        sweeps: SweepTime::default(),
     };
     let scans: Vec<RawScan> = dump.scans.iter().map(scan).collect();
     let text = format!("clouds: {} of a {}\ntimes: of its keyframes", scans.len(), dump.system);

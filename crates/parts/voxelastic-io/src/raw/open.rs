@@ -40,10 +40,10 @@ pub fn open(path: impl AsRef<Path>, options: &OpenOptions) -> Result<RawScans> {
         let (description, t_first_sensor) = (recording.description(), recording.t_first_sensor().to_vec());
         (Input::Recording(recording), description, t_first_sensor)
     } else {
-        let (mut scans, mut description) = read_folder(path)?;
+        let (mut scans, mut description) = read_folder(path, options.point_times)?;
         let t_first_sensor = mounts_of_folders(options)?;
         if !t_first_sensor.is_empty() {
-            description.push_str(&read_further_folders(path, &mut scans, &options.more_folders)?);
+            description.push_str(&read_further_folders(path, &mut scans, &options.more_folders, options.point_times)?);
         }
         let imu = if options.use_imu { FolderImu::find(path)? } else { None };
         if let Some(imu) = &imu {

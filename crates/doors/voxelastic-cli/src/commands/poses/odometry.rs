@@ -41,9 +41,6 @@ pub struct OdometryArgs {
     /// True poses to compare with: a path, or a part of a file name in DATA [default: the file named ground truth, if there is one]
     #[arg(long, value_name = "FILE")]
     truth: Option<PathBuf>,
-    /// Do not compensate the motion of the sensor during a sweep: for clouds that are compensated already but still have point times
-    #[arg(long)]
-    no_deskew: bool,
     /// Stop after this many scans
     #[arg(long, value_name = "N")]
     max_scans: Option<usize>,
@@ -92,7 +89,7 @@ pub fn run(args: &OdometryArgs, quiet: bool) -> anyhow::Result<u8> {
     let mut settings = OdometrySettings::default();
     settings.voxel_size = args.voxel_size;
     (settings.min_range, settings.max_range) = (args.min_range, args.max_range);
-    settings.deskew = !args.no_deskew;
+    settings.deskew = args.data.are_distorted();
     let pool = threads::pool(args.threads)?;
     let clock = PoolClock::new(&pool);
     let mut odometry = Odometry::new(settings);

@@ -5,7 +5,7 @@ use super::super::messages::topic_role::TopicRole;
 use super::super::stream::StreamTopics;
 use super::super::summary::RecordingSummary;
 use super::super::topics::{choose_clouds, choose_live_poses};
-use crate::{Error, OpenOptions, Result};
+use crate::{Error, OpenOptions, PointTimes, Result};
 use std::path::{Path, PathBuf};
 
 /// The topics of transforms, which are always subscribed to: they say where the lidar is on the robot.
@@ -62,7 +62,8 @@ impl LiveTopics {
             }
             clouds.push(further);
         }
-        let mut stream = StreamTopics { clouds, ..StreamTopics::default() };
+        let stretches_times = options.point_times == PointTimes::OverInterval;
+        let mut stream = StreamTopics { clouds, stretches_times, ..StreamTopics::default() };
         let mut by_transforms = false;
         if estimates_poses {
             stream.imu = choose_imu(&summary, path, options)?;

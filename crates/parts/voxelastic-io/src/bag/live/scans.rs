@@ -10,7 +10,7 @@ use crate::ouster::{PacketStream, SensorMetadata};
 use crate::playback::{Corrections, PlaybackLog, Player, PlayerOptions, PoseSource, Selection, SensorMounts};
 use crate::raw::TimedScan;
 use crate::scan_list::{KeyframeFilter, Keyframing};
-use crate::{OpenOptions, Result};
+use crate::{OpenOptions, PointTimes, Result};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::mpsc::Receiver;
@@ -39,7 +39,7 @@ impl LiveEvents {
             corrections: if topics.stream.corrections.is_some() { Corrections::by_message() } else { Corrections::default() },
             pose_change: options.pose_change,
             tolerance_s: options.time_tolerance_s,
-            deskew: options.deskew,
+            deskew: options.point_times != PointTimes::Undistorted,
             log,
             mount_timeout_s: options.mount_timeout_s,
         };
