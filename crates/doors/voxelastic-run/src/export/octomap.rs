@@ -48,7 +48,7 @@ pub struct Written {
 /// # Errors
 /// A map without occupancy, voxels finer than those of the map, a map that reaches farther than an OctoMap can, or a file that cannot be written.
 pub fn write(path: &Path, what: &Occupancy<'_>) -> Result<Written> {
-    let (query, map) = (AtlasQuery::new(&what.atlas), what.map.display());
+    let (query, map) = (AtlasQuery::new(what.atlas), what.map.display());
     if query.is_empty() {
         let remedy = "map the data again with --field occupancy or --field both";
         return Err(Error::new(format!("{map}: the map has no occupancy"), remedy));

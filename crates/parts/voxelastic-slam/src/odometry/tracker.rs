@@ -133,7 +133,7 @@ impl Odometry {
             return self.failed_or_restarted(Failure::TooFewReturns, cloud, time, prediction, times);
         }
         let clock = Instant::now();
-        let mut found = match self.surroundings().find(&prediction, &last.t_map_lidar, self.predictor.sigma()) {
+        let mut found = match self.surroundings().find(&prediction, &last.t_map_lidar, [self.predictor.sigma(), self.predictor.deviation()]) {
             Ok(found) => found,
             Err(failure) => return self.failed_or_restarted(failure, cloud, time, prediction, times),
         };
@@ -144,7 +144,10 @@ impl Odometry {
             self.predictor.set_motion(moved, seconds);
             motion = self.sweep(cloud, &last, &found.t_map_lidar, seconds);
             self.prepare(cloud, motion.as_ref());
-            let Some(again) = self.surroundings().register_from(&found.t_map_lidar, DESKEW_AGAIN) else {
+            let surroundings = self.surroundings();
+            let again = surroundings.register_from(&found.t_map_lidar, DESKEW_AGAIN);
+            let again = again.map(|again| surroundings.weighed(again, &prediction, self.predictor.deviation()));
+            let Some(again) = again else {
                 return self.failed_or_restarted(Failure::TooLittleOverlap, cloud, time, prediction, times);
             };
             found = Found { contradiction: found.contradiction, ..again };
@@ -169,7 +172,7 @@ impl Odometry {
             information,
             growth,
             covariance,
-            status: match registration.degenerate.len() {
+            status: match found.degenerate {
                 0 => Status::Tracked,
                 directions => Status::Degenerate { directions },
             },
@@ -190,7 +193,13 @@ impl Odometry {
 
     fn registration_settings(&self) -> RegistrationSettings {
         let s = &self.settings;
-        RegistrationSettings { max_iterations: s.max_iterations, convergence: 1e-3, least_scale: s.kernel_scale, point_weight: s.point_weight }
+        RegistrationSettings {
+            max_iterations: s.max_iterations,
+            convergence: 1e-3,
+            least_scale: s.kernel_scale,
+            point_weight: s.point_weight,
+            beams_repeat: true,
+        }
     }
 
     /// How the lidar moved during the sweep of a scan with this pose: by the inertial unit, else at the constant velocity since the last scan.
