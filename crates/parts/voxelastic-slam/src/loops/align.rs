@@ -11,7 +11,7 @@ const HEIGHTS: [f64; 3] = [0.0, -3.0, 3.0];
 
 /// Settings of registrations between places.
 pub(crate) fn settings(voxel: f64) -> RegistrationSettings {
-    RegistrationSettings { max_iterations: 50, convergence: 1e-3, least_scale: 0.3 * voxel, point_weight: 1.0, beams_repeat: false }
+    RegistrationSettings { max_iterations: 50, convergence: 1e-3, least_scale: 0.3 * voxel, point_weight: 1.0 }
 }
 
 /// Registers points to a place, from some heights around a guess.

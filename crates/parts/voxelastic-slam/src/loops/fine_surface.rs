@@ -87,8 +87,7 @@ impl FineSurface {
         own.surfels(&mut points);
         let step = points.len().div_ceil(MOST_POINTS).max(1);
         let points: Vec<_> = points.into_iter().step_by(step).collect();
-        let settings =
-            RegistrationSettings { max_iterations: 40, convergence: 1e-4, least_scale: 0.1 * size, point_weight: 0.2, beams_repeat: false };
+        let settings = RegistrationSettings { max_iterations: 40, convergence: 1e-4, least_scale: 0.1 * size, point_weight: 0.2 };
         let found = register(&points, &edge.t_from_to, &levels, REFINED_BY * voxel, &settings)?;
         if found.t_map_lidar.translation_distance(&edge.t_from_to) > MOST * voxel || !found.degenerate.is_empty() {
             return None;

@@ -192,8 +192,7 @@ impl Localiser {
         scan.insert(returns.iter().map(|p| p.map(f64::from)));
         let mut points = Vec::new();
         scan.surfels(&mut points);
-        let settings =
-            RegistrationSettings { max_iterations: 30, convergence: 1e-4, least_scale: 0.1 * voxel, point_weight: 1.0, beams_repeat: false };
+        let settings = RegistrationSettings { max_iterations: 30, convergence: 1e-4, least_scale: 0.1 * voxel, point_weight: 1.0 };
         let levels = [map];
         let found = register(&points, &Pose::identity(), &levels, REFINED_BY * voxel, &settings)?;
         if found.t_map_lidar.translation.vector.norm() >= voxel {

@@ -2,8 +2,8 @@
 
 use super::recent::RecentScans;
 use super::report::Failure;
-use crate::registration::{LocalMap, Registration, RegistrationSettings, Surfel, mean_radius, ranked, register, search};
-use nalgebra::{Matrix6, SymmetricEigen, Translation3, Unit, UnitQuaternion, Vector3, Vector6};
+use crate::registration::{LocalMap, Registration, RegistrationSettings, Surfel, ranked, register, search};
+use nalgebra::{Translation3, Unit, UnitQuaternion, Vector3};
 use voxelastic::geometry::Pose;
 
 /// Share of a scan's surfaces that must have a counterpart in the map.
@@ -14,10 +14,6 @@ const USUAL_SCORE: f64 = 0.8;
 const MOST_CONTRADICTION: f64 = 0.05;
 /// Yaw angles from which a doubted scan is registered, too, degrees, to either side.
 const STARTS: [f64; 9] = [10.0, 20.0, 35.0, 50.0, 70.0, 90.0, 115.0, 140.0, 165.0];
-
-/// Where lines of single beams and the planes on which they lie say the same, to so many squared standard deviations of what the planes say (99 % of six numbers), the lines tell it
-/// better; else they have moved with the beams.
-const SAME: f64 = 16.8;
 
 /// Cosines of the angles within which normals are alike, and beyond which they are others.
 const ALIKE: f64 = 0.99;
@@ -49,17 +45,15 @@ pub(super) struct Found {
     pub(super) t_map_lidar: Pose,
     /// In the frame of the levels.
     pub(super) registration: Registration,
-    /// Directions along which surfaces do not hold the pose, or less than the prediction does.
-    pub(super) degenerate: usize,
     /// Share of surfaces in space that was observed to be free; `None` if there was no reason to look, or too little to see.
     pub(super) contradiction: Option<f64>,
 }
 
 impl Surroundings<'_> {
-    /// Registers the scan from a prediction that is wrong by up to about `sigma`, metres, and usually by `deviation`. If it fits worse than usual there, it is registered from other
+    /// Registers the scan from a prediction that is wrong by about `sigma`, metres. If it fits worse than usual there, it is registered from other
     /// headings, too, at the prediction and at the last pose, and the best pose that does not contradict the free space counts.
-    pub(super) fn find(&self, prediction: &Pose, last: &Pose, [sigma, deviation]: [f64; 2]) -> Result<Found, Failure> {
-        let expected = self.register_from(prediction, sigma).map(|found| self.weighed(found, prediction, deviation));
+    pub(super) fn find(&self, prediction: &Pose, last: &Pose, sigma: f64) -> Result<Found, Failure> {
+        let expected = self.register_from(prediction, sigma);
         if let Some(found) = expected.as_ref().filter(|found| self.usual_score > 0.0 && self.is_usual(&found.registration)) {
             return Ok(found.clone());
         }
@@ -81,45 +75,10 @@ impl Surroundings<'_> {
         candidates.into_iter().map(|registration| judged(self.found(registration))).find(is_possible).ok_or(Failure::InFreeSpace)
     }
 
-    /// The pose between what surfaces say and the prediction, each by its covariance: surfaces that hardly hold the pose along a direction leave it to the prediction.
-    pub(super) fn weighed(&self, found: Found, prediction: &Pose, sigma: f64) -> Found {
-        let turn = sigma / mean_radius(self.surfels);
-        let unit = Matrix6::from_diagonal(&Vector6::new(sigma, sigma, sigma, turn, turn, turn));
-        let away = step(&found.t_map_lidar.inv_mul(prediction)).component_div(&unit.diagonal());
-        // In standard deviations of the prediction.
-        let information = unit * self.information(&found) * unit;
-        let Some(both) = (information + Matrix6::identity()).cholesky() else { return found };
-        let by = unit * both.solve(&away);
-        let weak = SymmetricEigen::new(information).eigenvalues.iter().filter(|value| **value < 1.0).count();
-        let moved = Pose::from_parts(Translation3::new(by[0], by[1], by[2]), UnitQuaternion::from_scaled_axis(Vector3::new(by[3], by[4], by[5])));
-        let t_map_lidar = found.t_map_lidar * moved;
-        let mut weighed = Found { t_map_lidar, degenerate: found.degenerate.max(weak), ..found };
-        weighed.registration.t_map_lidar = self.map_from_voxels.inverse() * t_map_lidar;
-        weighed
-    }
-
-    fn information(&self, found: &Found) -> Matrix6<f64> {
-        found.registration.information(self.surfels, self.levels)
-    }
-
     /// Registers the scan from a pose in the map that is wrong by about `sigma`, metres; `None` if it overlaps too little.
     pub(super) fn register_from(&self, start: &Pose, sigma: f64) -> Option<Found> {
         let start = self.map_from_voxels.inverse() * start;
-        let by = |beams_repeat: bool| {
-            let settings = RegistrationSettings { beams_repeat, ..self.settings };
-            register(self.surfels, &start, self.levels, sigma, &settings).filter(has_overlap)
-        };
-        let lines = by(false)?;
-        if !lines.degenerate.is_empty() {
-            return Some(self.found(lines));
-        }
-        let planes = by(true);
-        let is_same = |planes: &Registration| {
-            let away = step(&lines.t_map_lidar.inv_mul(&planes.t_map_lidar));
-            away.dot(&(planes.information(self.surfels, self.levels) * away)) < SAME
-        };
-        let found = planes.filter(|planes| !planes.degenerate.is_empty() || !is_same(planes)).unwrap_or(lines);
-        Some(self.found(found))
+        register(self.surfels, &start, self.levels, sigma, &self.settings).filter(has_overlap).map(|registration| self.found(registration))
     }
 
     /// The axes about which headings turn, lidar frame: that of an upright sensor, and of one that is not what else may be the vertical.
@@ -129,8 +88,7 @@ impl Surroundings<'_> {
     }
 
     fn found(&self, registration: Registration) -> Found {
-        let degenerate = registration.degenerate.len();
-        Found { t_map_lidar: self.map_from_voxels * registration.t_map_lidar, registration, degenerate, contradiction: None }
+        Found { t_map_lidar: self.map_from_voxels * registration.t_map_lidar, registration, contradiction: None }
     }
 
     fn is_usual(&self, found: &Registration) -> bool {
@@ -140,12 +98,6 @@ impl Surroundings<'_> {
 
 fn has_overlap(found: &Registration) -> bool {
     found.overlap >= LEAST_OVERLAP
-}
-
-/// A small motion as its translation and rotation vector.
-fn step(motion: &Pose) -> Vector6<f64> {
-    let (translation, rotation) = (motion.translation.vector, motion.rotation.scaled_axis());
-    Vector6::new(translation.x, translation.y, translation.z, rotation.x, rotation.y, rotation.z)
 }
 
 /// Poses from which a doubted scan is registered: turned about each of these axes, lidar frame.

@@ -10,12 +10,8 @@ use voxelastic::motion::ImuSample;
 const LEAST_MOTION: f64 = 0.1;
 /// What a squared error still weighs one error later.
 const KEEP: f64 = 0.9;
-/// The same for what is usual.
-const KEEP_USUAL: f64 = 0.7;
 /// The error that is expected before anything is known, metres.
 const FIRST_ERROR: f64 = 2.0;
-/// No prediction is better than this, metres: carriers shake.
-const LEAST_DEVIATION: f64 = 0.03;
 /// A gap between scans longer than so many times the gap before predicts no motion.
 const LONGEST_GAP: f64 = 4.0;
 
@@ -35,21 +31,12 @@ pub(crate) struct Predictor {
     duration: Option<f64>,
     squares: f64,
     weight: f64,
-    /// The mean squared error of the last predictions, all of them, square metres.
-    usual: f64,
     pub(crate) inertial: Inertial,
 }
 
 impl Predictor {
     pub(crate) fn new() -> Self {
-        Self {
-            motion: Pose::identity(),
-            duration: None,
-            squares: FIRST_ERROR * FIRST_ERROR,
-            weight: 1.0,
-            usual: FIRST_ERROR * FIRST_ERROR,
-            inertial: Inertial::default(),
-        }
+        Self { motion: Pose::identity(), duration: None, squares: FIRST_ERROR * FIRST_ERROR, weight: 1.0, inertial: Inertial::default() }
     }
 
     /// Forgets the velocity and how well it predicted.
@@ -95,11 +82,6 @@ impl Predictor {
         (self.squares / self.weight).sqrt()
     }
 
-    /// Deviation of the last predictions, metres, for a point at the scan's radius: how much the next one weighs beside what surfaces say.
-    pub(crate) fn deviation(&self) -> f64 {
-        self.usual.sqrt().max(LEAST_DEVIATION)
-    }
-
     /// Sets the motion from the last scan to this one.
     pub(crate) fn set_motion(&mut self, motion: Pose, seconds: Option<f64>) {
         (self.motion, self.duration) = (motion, seconds);
@@ -108,7 +90,6 @@ impl Predictor {
     /// Adds how far a prediction was from the outcome, for a point at `radius`.
     pub(crate) fn add_error(&mut self, deviation: &Pose, radius: f64) {
         let moved = deviation.translation.vector.norm() + 2.0 * radius * (0.5 * deviation.rotation.angle()).sin();
-        self.usual = KEEP_USUAL * self.usual + (1.0 - KEEP_USUAL) * moved * moved;
         if moved > LEAST_MOTION {
             self.squares = KEEP * self.squares + moved * moved;
             self.weight = KEEP * self.weight + 1.0;

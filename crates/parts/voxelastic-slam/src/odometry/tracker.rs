@@ -133,7 +133,7 @@ impl Odometry {
             return self.failed_or_restarted(Failure::TooFewReturns, cloud, time, prediction, times);
         }
         let clock = Instant::now();
-        let mut found = match self.surroundings().find(&prediction, &last.t_map_lidar, [self.predictor.sigma(), self.predictor.deviation()]) {
+        let mut found = match self.surroundings().find(&prediction, &last.t_map_lidar, self.predictor.sigma()) {
             Ok(found) => found,
             Err(failure) => return self.failed_or_restarted(failure, cloud, time, prediction, times),
         };
@@ -144,10 +144,7 @@ impl Odometry {
             self.predictor.set_motion(moved, seconds);
             motion = self.sweep(cloud, &last, &found.t_map_lidar, seconds);
             self.prepare(cloud, motion.as_ref());
-            let surroundings = self.surroundings();
-            let again = surroundings.register_from(&found.t_map_lidar, DESKEW_AGAIN);
-            let again = again.map(|again| surroundings.weighed(again, &prediction, self.predictor.deviation()));
-            let Some(again) = again else {
+            let Some(again) = self.surroundings().register_from(&found.t_map_lidar, DESKEW_AGAIN) else {
                 return self.failed_or_restarted(Failure::TooLittleOverlap, cloud, time, prediction, times);
             };
             found = Found { contradiction: found.contradiction, ..again };
@@ -172,7 +169,7 @@ impl Odometry {
             information,
             growth,
             covariance,
-            status: match found.degenerate {
+            status: match registration.degenerate.len() {
                 0 => Status::Tracked,
                 directions => Status::Degenerate { directions },
             },
@@ -193,13 +190,7 @@ impl Odometry {
 
     fn registration_settings(&self) -> RegistrationSettings {
         let s = &self.settings;
-        RegistrationSettings {
-            max_iterations: s.max_iterations,
-            convergence: 1e-3,
-            least_scale: s.kernel_scale,
-            point_weight: s.point_weight,
-            beams_repeat: true,
-        }
+        RegistrationSettings { max_iterations: s.max_iterations, convergence: 1e-3, least_scale: s.kernel_scale, point_weight: s.point_weight }
     }
 
     /// How the lidar moved during the sweep of a scan with this pose: by the inertial unit, else at the constant velocity since the last scan.

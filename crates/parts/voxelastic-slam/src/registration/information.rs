@@ -9,10 +9,13 @@ use voxelastic::geometry::Pose;
 
 /// Edge of the pieces of surface whose distances err alike, in voxels.
 const PIECE: f64 = 4.0;
+/// What is left of the information that the scatter suggests: the map errs as the points do, and pieces next to each other err alike. Measured as the mean
+/// squared error of registrations in simulated rooms, streets and a campus, in units of what they say themselves: 3.7, 3.9 and 4.5.
+const HONEST: f64 = 0.25;
 /// Fewer pieces do not say how they scatter.
 const LEAST_PIECES: usize = 30;
 
-/// The information of a pose at which points lie on a map, as their scatter suggests it; `None` if too little of the map is around.
+/// The information of a pose at which points lie on a map, `None` if too little of the map is around.
 ///
 /// Were all distances independent, it would be the sum of the squared derivatives over the variance of the distances. They are not: a piece of a wall is
 /// measured as a whole a little too near or too far. So the scatter of the pieces' gradients, which would all be zero without errors, says how sure
@@ -33,7 +36,7 @@ pub(super) fn information(
     let scatter: Matrix6<f64> = pieces.gradients.iter().map(|g| g * g.transpose()).sum();
     let scatter = scatter * (count as f64 / (count - 6) as f64);
     let inverse = scatter.cholesky()?.inverse();
-    let information = equations.information * inverse * equations.information;
+    let information = equations.information * inverse * equations.information * HONEST;
     Some((information + information.transpose()) * 0.5)
 }
 

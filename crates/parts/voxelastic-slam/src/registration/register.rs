@@ -17,11 +17,6 @@ const ELSEWHERE: (f64, f64) = (1.0, 0.2);
 /// Starts of a search that are refined.
 const REFINED: usize = 4;
 
-/// What is left of the information that the scatter suggests: the map errs as the points do, and pieces next to each other err alike. Measured as the mean
-/// squared error of registrations in simulated rooms, streets and a campus, in units of what they say themselves: 2.3, 2.0 and 2.2, and 3.7, 3.9 and 4.5 where lines of single beams count.
-const HONEST: f64 = 0.5;
-const HONEST_WITH_LINES: f64 = 0.25;
-
 /// One point of this many is asked whether only lines of single beams hold the pose.
 const SPARSE: usize = 4;
 
@@ -36,9 +31,6 @@ pub(crate) struct RegistrationSettings {
     pub(crate) least_scale: f64,
     /// Weight of a distance to a surface that is no plane, relative to that of its spread.
     pub(crate) point_weight: f64,
-    /// Whether the points were measured by the same beams as the map, from about the same place: lines of single beams lie on each other then where they were
-    /// measured, not where the surfaces are, and are taken for the planes on which they lie.
-    pub(crate) beams_repeat: bool,
 }
 
 /// The outcome of a registration.
@@ -69,8 +61,8 @@ impl Registration {
         let independent = || self.equations.information / (self.spread * self.spread);
         let (pose, kernel, equations) = (&self.t_map_lidar, &self.kernel, &self.equations);
         let along_map = match self.has_larger_planes {
-            false => information(points, pose, &levels[0], kernel, equations).map(|found| found * HONEST_WITH_LINES),
-            true => information(points, pose, &LargerPlanes::of(levels, 0), kernel, equations).map(|found| found * HONEST),
+            false => information(points, pose, &levels[0], kernel, equations),
+            true => information(points, pose, &LargerPlanes::of(levels, 0), kernel, equations),
         };
         let along_map = along_map.unwrap_or_else(independent);
         let rotation = *self.t_map_lidar.rotation.to_rotation_matrix().matrix();
@@ -136,35 +128,21 @@ fn is_elsewhere(a: &Pose, b: &Pose) -> bool {
     a.translation_distance(b) > ELSEWHERE.0 || a.rotation_distance(b) > ELSEWHERE.1
 }
 
-/// Aligns to the levels from `first` to the finest. If only lines of single beams hold the pose then, or beams repeat, with the planes on which these lie.
+/// Aligns to the levels from `first` to the finest. If only lines of single beams hold the pose then, again with the planes on which these lie.
 fn descend(points: &[Surfel], guess: &Pose, levels: &[LocalMap], first: usize, sigma: f64, settings: &RegistrationSettings) -> Option<Registration> {
-    let on_planes = |fixed: &[Vector6<f64>]| {
-        let with_planes: Vec<LargerPlanes<'_>> = (0..=first).map(|k| LargerPlanes::of(levels, k)).collect();
-        let found = descend_by(points, guess, with_planes.iter(), sigma, fixed, settings)?;
-        Some(Registration { has_larger_planes: true, ..found })
-    };
-    let (found, not_held) = if settings.beams_repeat && levels.len() > 1 {
-        let found = on_planes(&[])?;
-        let not_held = found.degenerate.clone();
-        (found, not_held)
-    } else {
-        let found = descend_by(points, guess, levels.iter().take(first + 1), sigma, &[], settings)?;
-        if levels.len() == 1 {
-            return Some(found);
-        }
-        let sparse: Vec<Surfel> = points.iter().step_by(SPARSE).copied().collect();
-        let with_planes = NormalEquations::of(&sparse, &found.t_map_lidar, &LargerPlanes::of(levels, 0), &found.kernel);
-        let not_held = Solution::of(&with_planes, mean_radius(points), &[])?.degenerate;
-        if not_held.len() <= found.degenerate.len() {
-            return Some(found);
-        }
-        (found, not_held)
-    };
-    if not_held.is_empty() {
+    let found = descend_by(points, guess, levels.iter().take(first + 1), sigma, &[], settings)?;
+    if levels.len() == 1 {
         return Some(found);
     }
-    let again = on_planes(&not_held)?;
-    Some(Registration { iterations: found.iterations + again.iterations, degenerate: not_held, ..again })
+    let sparse: Vec<Surfel> = points.iter().step_by(SPARSE).copied().collect();
+    let with_planes = NormalEquations::of(&sparse, &found.t_map_lidar, &LargerPlanes::of(levels, 0), &found.kernel);
+    let held = Solution::of(&with_planes, mean_radius(points), &[])?;
+    if held.degenerate.len() <= found.degenerate.len() {
+        return Some(found);
+    }
+    let with_planes: Vec<LargerPlanes<'_>> = (0..=first).map(|k| LargerPlanes::of(levels, k)).collect();
+    let again = descend_by(points, guess, with_planes.iter(), sigma, &held.degenerate, settings)?;
+    Some(Registration { iterations: found.iterations + again.iterations, has_larger_planes: true, degenerate: held.degenerate, ..again })
 }
 
 /// Aligns to each level, from the coarsest of these to the finest; nothing moves along the unit directions in `fixed`.
