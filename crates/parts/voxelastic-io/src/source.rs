@@ -62,6 +62,14 @@ impl Source {
         }
     }
 
+    /// The usual time between the clouds of the first sensor, seconds, if a sweep can take that long.
+    pub fn interval_s(&self) -> Option<f64> {
+        match self {
+            Self::Folder(folder) => folder.interval_s(),
+            Self::Recording(recording) => recording.interval_s(),
+        }
+    }
+
     /// Number of scans, if it is known before they are read.
     pub fn scans(&self) -> Option<usize> {
         match self {

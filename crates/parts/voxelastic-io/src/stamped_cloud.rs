@@ -97,6 +97,11 @@ impl Interval {
                 self.recent.pop_front();
             }
         }
+        self.usual()
+    }
+
+    /// What is usual, seconds, if a sweep can take that long.
+    pub(crate) fn usual(&self) -> Option<f64> {
         let mut sorted: Vec<f64> = self.recent.iter().copied().collect();
         sorted.sort_by(f64::total_cmp);
         sorted.get(sorted.len() / 2).copied().filter(|s| (SWEEPS[0]..=SWEEPS[1]).contains(s))

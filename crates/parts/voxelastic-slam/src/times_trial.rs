@@ -8,13 +8,14 @@ use voxelastic::{Cloud, Motion};
 /// Scans between which the lidar moves less than this tell nothing: metres, radians.
 const LEAST_MOTION: (f64, f64) = (0.05, 0.01);
 /// Fewer scans than this decide nothing.
-const LEAST_SCANS: usize = 15;
+const LEAST_SCANS: usize = 5;
 /// So many neighbouring scans say about the same: their surfaces are met by several of them.
 const SAME: f64 = 3.0;
 /// A reading is better if surfaces are sharper by more than this ..
 const LEAST_SHARPER: f64 = 0.02;
-/// .. and by so many standard deviations of what the scans say.
+/// .. and by so many standard deviations of what the scans say, and so many more divided by how many scans there are: few do not tell how they scatter.
 const LEAST_SIGMAS: f64 = 3.0;
+const MORE_SIGMAS: f64 = 12.0;
 
 /// Scans registered under several readings of the times of their points.
 pub struct TimesTrial {
@@ -129,7 +130,7 @@ fn is_sharper(spreads: &[f64], others: &[f64]) -> bool {
     let count = gains.len() as f64;
     let mean = gains.iter().sum::<f64>() / count;
     let variance = gains.iter().map(|gain| (gain - mean).powi(2)).sum::<f64>() / count;
-    gains.len() >= LEAST_SCANS && mean > LEAST_SHARPER && mean > LEAST_SIGMAS * (variance * SAME / count).sqrt()
+    gains.len() >= LEAST_SCANS && mean > LEAST_SHARPER && mean > (LEAST_SIGMAS + MORE_SIGMAS / count) * (variance * SAME / count).sqrt()
 }
 
 #[cfg(test)]
@@ -143,7 +144,8 @@ mod tests {
         let other: Vec<f64> = (0..40).map(|k| 0.1 * scatter(k + 100)).collect();
         assert!(is_sharper(&spreads(0.09, 40), &other));
         assert!(!is_sharper(&spreads(0.099, 40), &other), "by one percent");
-        assert!(!is_sharper(&spreads(0.09, 10), &other), "too few scans");
+        assert!(!is_sharper(&spreads(0.09, 4), &other) && !is_sharper(&spreads(0.095, 6), &other), "too few scans");
+        assert!(is_sharper(&spreads(0.05, 6), &other), "few scans, but a half");
         assert!(!is_sharper(&other, &spreads(0.09, 40)));
         let wild: Vec<f64> = (0..40).map(|k| 0.097 * (1.0 + 0.5 * ((k * 7919) as f64).sin())).collect();
         assert!(!is_sharper(&wild, &other), "some scans say the one, some the other");

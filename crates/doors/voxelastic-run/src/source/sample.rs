@@ -83,9 +83,9 @@ impl Source {
     }
 }
 
-/// The beginning of a recording with poses. Its scans are keyframes, which do not tell how often clouds come.
+/// The beginning of a recording with poses.
 fn of_recording(recording: &RegisteredSource, times: usize) -> Sample {
-    let mut sample = Sample { has_times: true, ..Sample::default() };
+    let mut sample = Sample { has_times: true, interval_s: recording.interval_s(), ..Sample::default() };
     let mut scans = Vec::new();
     let came = recording.preview().filter_map(|event| if let Ok(Event::Scan(scan)) = event { Some(scan) } else { None });
     for scan in came.take(FROM_BEGINNING * times) {
@@ -126,7 +126,7 @@ fn of_folder(folder: &Dataset, times: usize) -> Sample {
     let mut read = |k: usize| folder.cloud(scans[k]).ok().map(|cloud| sample.add(k, &cloud));
     let pairs = firsts.into_iter().filter_map(|first| Some((read(first)?, read(partner(&track, first))?))).collect();
     let came: Vec<f64> = track.iter().map(|(time, _)| *time).collect();
-    let interval_s = if sample.has_times { interval(&came) } else { None };
+    let interval_s = if sample.has_times { folder.interval_s().or_else(|| interval(&came)) } else { None };
     Sample { track, pairs, interval_s, ..sample }
 }
 

@@ -14,6 +14,7 @@ use crate::playback::{
 };
 use crate::read_ahead::{IdleStep, ReadAhead};
 use crate::scan_list::{KeyframeFilter, Keyframing, ScanEdges, ScanEntry};
+use crate::stamped_cloud::Interval;
 use crate::{Error, OpenOptions, PointTimes, Result};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -124,6 +125,14 @@ impl Recording {
     /// What is in it, and which of it is used; to be shown to the user.
     pub fn description(&self) -> &RecordingDescription {
         &self.description
+    }
+
+    /// The usual time between the clouds of the first sensor in the beginning, seconds, if a sweep can take that long.
+    pub fn interval_s(&self) -> Option<f64> {
+        match &self.input {
+            Input::Bag(chosen) => chosen.intervals.first().and_then(Interval::usual),
+            Input::Capture(_) => None,
+        }
     }
 
     /// Keeps only the scans for which `keep` holds, by their index among those taken so far. Indices start anew in each call of

@@ -56,6 +56,11 @@ impl Dataset {
         self.context.has_times
     }
 
+    /// The usual time between all clouds of the folder, seconds, if a sweep can take that long.
+    pub fn interval_s(&self) -> Option<f64> {
+        self.context.sweeps.interval_s
+    }
+
     /// Reads the cloud of one of the scans, as [`events`](Self::events) would deliver it.
     ///
     /// # Errors
