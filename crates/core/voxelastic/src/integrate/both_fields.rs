@@ -45,9 +45,8 @@ impl SubmapScan<'_> {
         let mut tsdf_stats = tsdf.update_from_rays(fields.tsdf, &self.t_submap_lidar, &returns, redundancy);
         tsdf_stats.phases.transform = transform;
         if !self.colours.is_empty() {
-            let (settings, clock) = (tsdf.settings(), Instant::now());
+            let settings = tsdf.settings();
             colour_voxels(fields.tsdf, &self.t_submap_lidar, &returns.measured_only(), self.colours, settings.voxel_size, settings.max_range);
-            tsdf_stats.phases.colour = clock.elapsed();
         }
         (Some(tsdf_stats), occupancy.map(|occupancy| occupancy.update(fields.occupancy, self, Rays::Built)))
     }

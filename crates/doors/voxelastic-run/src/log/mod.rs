@@ -209,7 +209,6 @@ impl Recorder {
             phase("tsdf_select", tsdf.phases.select);
             phase("tsdf_allocate", tsdf.phases.allocate);
             phase("tsdf_update", tsdf.phases.update);
-            phase("tsdf_colour", tsdf.phases.colour);
         }
         if let Some(occupancy) = &report.occupancy {
             phase("occupancy_see", occupancy.phases.see);

@@ -5,7 +5,7 @@
 //! does not change them. Each voxel counts its observations, so that "unknown" is not a colour.
 
 use crate::field::block_store::BlockStore;
-use crate::octree::{NONE, SCALES, prefetch_item, voxel_coords, voxel_index, voxels_at};
+use crate::octree::{NONE, SCALES, voxel_coords, voxel_index, voxels_at};
 use bytemuck::{Pod, Zeroable};
 
 /// Largest observation count: from then on the mean of a colour is an exponential moving average.
@@ -46,12 +46,6 @@ impl ColourVoxel {
             (0..3).for_each(|k| sum[k] += u32::from(colour.rgb[k]) * u32::from(colour.observations));
             count += u32::from(colour.observations);
         }
-        Self::mean_of(sum, count)
-    }
-
-    /// Mean of `count` observations that add up to `sum`; unknown if there are none.
-    #[inline(always)]
-    pub(crate) fn mean_of(sum: [u32; 3], count: u32) -> Self {
         if count == 0 {
             return Self::default();
         }
@@ -99,17 +93,8 @@ impl ColourLayer {
         ColourVoxel::mean(descendants(c, scale, own).map(|index| colours[index]))
     }
 
-    /// Prefetches colour `index` of block `id`, if it has that many.
-    #[inline(always)]
-    pub(crate) fn prefetch(&self, id: u32, index: usize) {
-        if let Some(colour) = self.block(id).and_then(|(_, colours)| colours.get(index)) {
-            prefetch_item(colour);
-        }
-    }
-
     /// The colours of block `id` at `scale` or finer, and their scale. They are created if the block has none, and refined if they are
     /// coarser than `scale`.
-    #[inline(always)]
     pub(crate) fn block_mut(&mut self, id: u32, scale: usize) -> (usize, &mut [ColourVoxel]) {
         match self.array(id) {
             Some(array) if usize::from(array.scale) > scale => {

@@ -48,8 +48,6 @@ pub struct TsdfPhases {
     pub allocate: Duration,
     /// Bricks decompressed or created and voxels updated, including propagation between scales and compaction.
     pub update: Duration,
-    /// Voxels coloured, for scans that have colours.
-    pub colour: Duration,
 }
 
 /// What one integration did.
@@ -154,7 +152,7 @@ impl TsdfIntegrator {
             blocks: self.runs.len(),
             new_blocks,
             scale_changes: changes.len(),
-            phases: TsdfPhases { select: selected - clock, allocate: allocated - selected, update: updated - allocated, ..TsdfPhases::default() },
+            phases: TsdfPhases { transform: Duration::ZERO, select: selected - clock, allocate: allocated - selected, update: updated - allocated },
         }
     }
 
