@@ -3,7 +3,7 @@
 use proptest::prelude::*;
 use voxelastic::atlas::{Atlas, Submap};
 use voxelastic::field::occupancy::State;
-use voxelastic::query::UnknownAs;
+use voxelastic::query::{AtlasQuery, UnknownAs};
 use voxelastic::settings::FieldKind;
 use voxelastic::{Pose, Settings, event::Event, mapper::Mapper};
 use voxelastic_esdf::{Esdf, EsdfError, EsdfSettings, LocalEsdf};
@@ -34,7 +34,7 @@ fn distances_and_gradients_are_those_of_the_room() {
     for (field, to_surfaces, worst_mean) in [(FieldKind::Both, true, 0.02), (FieldKind::Occupancy, false, 0.07), (FieldKind::Tsdf, true, 0.02)] {
         let (atlas, simulation) = room(12, field, 0.1);
         let esdf = esdf(&atlas, 1.5, UnknownAs::Free);
-        let (query, space) = (esdf.query(&atlas), atlas.query().unwrap());
+        let (query, space) = (esdf.query(&atlas), AtlasQuery::new(&atlas));
         let points = points();
         let samples = if to_surfaces { query.sample_many_to_surfaces(&points) } else { query.sample_many(&points) };
         let (mut errors, mut turns, mut count) = (0.0, 0.0, 0);

@@ -8,7 +8,7 @@ use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 use voxelastic::atlas::Atlas;
 use voxelastic::field::occupancy::State;
-use voxelastic::query::DistanceQuery;
+use voxelastic::query::{AtlasQuery, DistanceQuery};
 use voxelastic_esdf::{Esdf, EsdfSettings};
 use voxelastic_io::poses;
 use voxelastic_io::store::MapStore;
@@ -62,7 +62,7 @@ fn asked(dir: &Path, python: &str, field: &str) -> (serde_json::Value, Atlas) {
 
 /// Distance and gradient that the library finds in a map; none where it knows nothing.
 fn in_map(atlas: &Atlas, points: &[[f64; 3]]) -> Vec<Option<(f32, [f32; 3])>> {
-    let space = atlas.query().unwrap();
+    let space = AtlasQuery::new(atlas);
     if space.is_empty() {
         let found = DistanceQuery::new(atlas).sample_many(points).into_iter();
         return found.map(|sample| sample.map(|at| (at.distance.abs(), at.gradient.map(|c| c * at.distance.signum())))).collect();
