@@ -121,7 +121,7 @@ pub use poses::{PoseFormat, Trajectory};
 pub use read_ahead::IdleStep;
 pub use read_position::ReadPosition;
 pub use scan_list::{KeyframeFilter, Keyframing};
-pub use stamped_cloud::StampedCloud;
+pub use stamped_cloud::{StampedCloud, contradicts_interval};
 
 /// Runs the examples of the book's page on the library as tests.
 #[cfg(doctest)]

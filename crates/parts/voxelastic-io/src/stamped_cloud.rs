@@ -13,7 +13,12 @@ const SWEEPS: [f64; 2] = [0.02, 0.3];
 const RUNS_ON: f32 = 0.95;
 /// So many intervals say what is usual.
 const INTERVALS: usize = 9;
-/// Whether shares of unknown sweeps were said: it is so of every cloud of a data set.
+/// A sweep lasts no longer than this many intervals between clouds: scans overlap a little, and clocks jitter.
+const MOST_INTERVALS: f64 = 1.3;
+/// A sweep that fills less of the interval between clouds is one of a part of the circle or of every second cloud, or its times are in another unit.
+const LEAST_INTERVALS: f64 = 0.6;
+/// Whether a sweep that the interval contradicts was said, and shares of unknown sweeps: it is so of every cloud of a data set.
+static SAID_MISFIT: AtomicBool = AtomicBool::new(false);
 static SAID_SHARES: AtomicBool = AtomicBool::new(false);
 
 /// A cloud and, where its file says so, when it was taken.
@@ -25,6 +30,13 @@ pub struct StampedCloud {
     pub stamp: Option<f64>,
     /// Whether [`Cloud::time`] are shares of the sweep, 0 to 1, as some drivers and data sets have them, and not seconds.
     pub has_shares: bool,
+}
+
+/// Whether a sweep of so many seconds, by the times of its points, does not last as long as it takes until the next cloud comes, seconds. Of clouds that come more rarely than sensors
+/// turn, a part was left out.
+pub fn contradicts_interval(sweep_s: f64, interval_s: f64) -> bool {
+    let is_short = sweep_s < LEAST_INTERVALS * interval_s && (SWEEPS[0]..=SWEEPS[1]).contains(&interval_s);
+    is_short || sweep_s > MOST_INTERVALS * interval_s
 }
 
 /// How long the sweeps of a sensor take.
@@ -40,6 +52,18 @@ impl StampedCloud {
     /// A cloud with times in seconds, from a stamp on, if it has any.
     pub(crate) fn new(cloud: Cloud, stamp: Option<f64>) -> Self {
         Self { cloud, stamp, has_shares: false }
+    }
+
+    /// Says once if the sweep contradicts the interval between clouds: of clouds that are not looked at before they are mapped.
+    pub(crate) fn tell_misfit(&self, interval_s: f64) {
+        let Some((low, high)) = time_span(&self.cloud).filter(|_| !self.has_shares) else { return };
+        let sweep_s = f64::from(high - low);
+        if contradicts_interval(sweep_s, interval_s) && !SAID_MISFIT.swap(true, Ordering::Relaxed) {
+            tracing::warn!(
+                "a sweep takes {sweep_s:.3} s by the times of its points, but clouds come every {interval_s:.3} s: right if the sensor looks at a part of the circle, else the times are in another \
+                 unit; say what they mean with --point-times"
+            );
+        }
     }
 
     /// The cloud with point times relative to `time`, seconds, if its own stamp comes from the same clock. Shares become seconds if it is known how long a sweep takes,
@@ -110,6 +134,11 @@ impl Interval {
     /// The same before the first cloud of another reading.
     pub(crate) fn before_first(&self) -> Self {
         Self { last: None, recent: self.recent.clone() }
+    }
+
+    /// What is usual, seconds, once one lost cloud does not change it.
+    pub(crate) fn settled(&self) -> Option<f64> {
+        self.usual().filter(|_| self.recent.len() > INTERVALS / 2)
     }
 
     /// Whether two clouds came.

@@ -1,6 +1,7 @@
 //! What the times of points mean, by the surfaces: scans are registered under several readings of their times, and the one under which they lie best on each other wins.
 
 use crate::odometry::{Odometry, OdometrySettings, Status};
+use crate::pose_check::middle;
 use std::collections::VecDeque;
 use voxelastic::geometry::{Pose, PoseExt};
 use voxelastic::{Cloud, Motion};
@@ -95,12 +96,8 @@ impl TimesTrial {
     pub fn verdict(&self) -> TimesVerdict {
         let wins =
             |k: &usize| (0..self.readings.len()).all(|other| other == *k || is_sharper(&self.readings[*k].spreads, &self.readings[other].spreads));
-        let middle = |reading: &Reading| {
-            let mut sorted = reading.spreads.clone();
-            sorted.sort_by(f64::total_cmp);
-            sorted.get(sorted.len() / 2).copied().unwrap_or(f64::NAN)
-        };
-        TimesVerdict { scans: self.scans(), spreads: self.readings.iter().map(middle).collect(), best: (0..self.readings.len()).find(wins) }
+        let spread = |reading: &Reading| middle(reading.spreads.iter().copied());
+        TimesVerdict { scans: self.scans(), spreads: self.readings.iter().map(spread).collect(), best: (0..self.readings.len()).find(wins) }
     }
 }
 
@@ -111,7 +108,7 @@ impl Reading {
         Cloud { time: times, ..cloud.clone() }
     }
 
-    /// The cloud in the middle of three with these times, compensated by the poses of all three, and whether the lidar moved; none where one has no pose.
+    /// The cloud in the middle of three with these times, undistorted by the poses of all three, and whether the lidar moved; none where one has no pose.
     fn undistorted(&self, cloud: &Cloud, times: &[f64]) -> Option<(Cloud, bool)> {
         let [before, now, after] = [0, 1, 2].map(|k| self.poses.get(k).copied().flatten());
         let (before, now, after) = (before?, now?, after?);

@@ -6,7 +6,7 @@ use nalgebra::{Quaternion, Translation3, UnitQuaternion};
 use std::path::{Path, PathBuf};
 use voxelastic::Pose;
 use voxelastic::geometry::PoseChange;
-use voxelastic_io::source::{self, Source};
+use voxelastic_io::source::Source;
 use voxelastic_io::{Keyframing, OpenOptions, PointTimes, PoseKind, SensorFolder, SensorTopic};
 use voxelastic_run::precision::{LARGEST_VEHICLE, near};
 use voxelastic_run::source::Examination;
@@ -69,7 +69,7 @@ pub struct ReadingArgs {
     /// Of packets: the metadata (.json) of an Ouster sensor, or the angles of the beams (.csv) of a Hesai or RoboSense, if they are not found by name
     #[arg(long, value_name = "FILE", hide_short_help = true)]
     metadata: Option<PathBuf>,
-    /// What the times of points mean: what they say (given), the part of a sweep that takes until the next cloud comes (over-interval), or nothing, because clouds are compensated for motion already (undistorted) [default: given; where a sweep lasts much shorter than that, the reading under which surfaces are sharpest]
+    /// What the times of points mean: what they say (given), the part of a sweep that takes until the next cloud comes (over-interval), or nothing, because clouds are undistorted already (undistorted) [default: given; where they contradict the interval between clouds, the reading under which surfaces are sharpest]
     #[arg(long, value_name = "WHAT", hide_short_help = true)]
     point_times: Option<PointTimes>,
     /// Largest time difference between a scan and its pose, seconds
@@ -210,14 +210,12 @@ impl DataArgs {
         Ok(voxelastic_run::Source::open_checked(&self.data, &options, slam.then_some(true), poses, warnings)?)
     }
 
-    /// Opens the folder or recording; `strict` makes scans without a pose an error.
-    pub fn open(&self, strict: bool) -> voxelastic_io::Result<Source> {
-        self.open_with(strict, PoseKind::default())
-    }
-
-    /// As [`open`](Self::open), with the odometry or the optimised poses where a folder has both.
-    pub fn open_with(&self, strict: bool, pose_kind: PoseKind) -> voxelastic_io::Result<Source> {
-        source::open(&self.data, &OpenOptions { pose_kind, ..self.options(strict) })
+    /// Opens the folder or recording, whose poses it needs; `strict` makes scans without a pose an error.
+    pub fn open(&self, strict: bool) -> anyhow::Result<Box<Source>> {
+        match voxelastic_run::Source::open_decided(&self.data, &self.options(strict), Some(false), &mut Warnings::default())?.0 {
+            voxelastic_run::Source::Registered(source) => Ok(source),
+            voxelastic_run::Source::Raw(_) => unreachable!("poses are needed"),
+        }
     }
 }
 

@@ -4,6 +4,7 @@ use clap::Args;
 use std::path::{Path, PathBuf};
 use voxelastic_io::raw::{self, RawScans};
 use voxelastic_io::{OpenOptions, PointTimes};
+use voxelastic_run::{Source, Warnings};
 
 /// Arguments that select and describe scans without poses.
 #[derive(Debug, Args)]
@@ -24,9 +25,9 @@ pub struct RawDataArgs {
     /// Of packets: the metadata (.json) of an Ouster sensor, or the angles of the beams (.csv) of a Hesai or RoboSense, if they are not found by name
     #[arg(long, value_name = "FILE", hide_short_help = true)]
     metadata: Option<PathBuf>,
-    /// What the times of points mean: what they say (given), the part of a sweep that takes until the next cloud comes (over-interval), or nothing, because clouds are compensated for motion already (undistorted)
-    #[arg(long, value_name = "WHAT", default_value = "given", hide_short_help = true)]
-    point_times: PointTimes,
+    /// What the times of points mean: what they say (given), the part of a sweep that takes until the next cloud comes (over-interval), or nothing, because clouds are undistorted already (undistorted) [default: given; where they contradict the interval between clouds, the reading under which surfaces are sharpest]
+    #[arg(long, value_name = "WHAT", hide_short_help = true)]
+    point_times: Option<PointTimes>,
 }
 
 impl RawDataArgs {
@@ -35,21 +36,20 @@ impl RawDataArgs {
         &self.data
     }
 
-    /// Whether clouds are to be compensated for motion.
-    pub fn are_distorted(&self) -> bool {
-        self.point_times != PointTimes::Undistorted
-    }
-
-    /// Opens the folder or recording.
-    pub fn open(&self) -> voxelastic_io::Result<RawScans> {
+    /// Opens the folder or recording, with what the times of its points mean decided. Also whether clouds are to be undistorted.
+    ///
+    /// # Errors
+    /// When it cannot be read.
+    pub fn open(&self, warnings: &mut Warnings) -> voxelastic_run::Result<(RawScans, bool)> {
         let options = OpenOptions {
             cloud_topic: self.cloud_topic.clone(),
             imu_topic: self.imu_topic.clone(),
             use_imu: !self.no_imu,
             metadata: self.metadata.clone(),
-            point_times: self.point_times,
+            point_times: self.point_times.unwrap_or_default(),
             ..OpenOptions::default()
         };
-        raw::open(&self.data, &options)
+        let (_, options) = Source::open_decided(&self.data, &options, Some(true), warnings)?;
+        Ok((raw::open(&self.data, &options)?, options.point_times != PointTimes::Undistorted))
     }
 }

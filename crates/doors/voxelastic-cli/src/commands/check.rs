@@ -13,7 +13,7 @@ use voxelastic::geometry::{PoseExt, Rigid};
 use voxelastic_eval::colour::Rgb;
 use voxelastic_eval::grid_view::GridView;
 use voxelastic_io::PoseKind;
-use voxelastic_run::source::{CheckScan, Examination, Verdict, check_compensation, pose_flags};
+use voxelastic_run::source::{CheckScan, Examination, Verdict, check_undistorted, pose_flags};
 use voxelastic_run::{PosesCheck, Source, Warning, Warnings};
 
 /// Look at some of the data: what they are, whether poses fit the scans, what is doubtful
@@ -81,7 +81,7 @@ pub fn run(args: &CheckArgs) -> anyhow::Result<u8> {
     let options = args.data.options(false);
     let (source, found) = args.data.source(false, false, PoseKind::default(), PosesCheck::Warn, &mut warnings)?;
     let found = found.context("nothing was examined")?;
-    check_compensation(&found, args.data.path(), &options, &mut warnings);
+    check_undistorted(&found.sample, args.data.path(), &options, &mut warnings);
     let picture = args.output.as_deref().filter(|_| !found.sample.pairs.is_empty());
     picture.map(|file| draw(file, &found, options.t_base_lidar.as_ref())).transpose()?;
     let summary = Summary::of(&source, &found, found.poses.as_ref().and_then(|check| pose_flags(check, &options)), &warnings, picture);

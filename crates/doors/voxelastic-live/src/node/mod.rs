@@ -100,9 +100,10 @@ pub fn play(setup: &Setup, from: ScansFrom, progress: &mut dyn FnMut(&Mapping)) 
     // A robot may publish nothing for long: meanwhile it can be asked how the node is. What is wrong with a recording is said before where the page is.
     let early = if is_robot { setup.watch(&requests)? } else { None };
     let joined = network.as_mut().zip(setup.network.as_ref());
-    let opened = Source::open(from, &setup.reading, joined, recording.as_ref(), pool.current_num_threads(), is_stopped)?;
+    let mut warnings = Warnings::default();
+    let opened = Source::open(from, &setup.reading, joined, recording.as_ref(), pool.current_num_threads(), is_stopped, &mut warnings)?;
     let Some(mut source) = opened else { return Ok(setup.nothing_came("interrupted before the topics were there")) };
-    let (mut warnings, comes) = (Warnings::default(), source.comes());
+    let comes = source.comes();
     let mut unfinished = None;
     let kept = match &setup.kept {
         Some(kept) => {

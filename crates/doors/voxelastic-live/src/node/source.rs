@@ -24,7 +24,7 @@ use voxelastic_io::bag::live::{LiveFrames, LiveTopic};
 use voxelastic_io::{OpenOptions, ReadPosition};
 use voxelastic_run::keep::Comes;
 use voxelastic_run::poses::{Motions, OdometrySetup, OdometryStage};
-use voxelastic_run::{Error, Result};
+use voxelastic_run::{Error, Result, Warnings};
 
 /// Where scans are to come from.
 pub enum ScansFrom {
@@ -102,10 +102,11 @@ impl Source {
         recording: Option<&InputRecording>,
         threads: usize,
         is_stopped: fn() -> bool,
+        warnings: &mut Warnings,
     ) -> Result<Option<Self>> {
         match (from, network) {
             (ScansFrom::Recording { data, rate, slam }, _) => {
-                let input = voxelastic_run::Source::open(&data, options, slam.then_some(true))?;
+                let (input, _) = voxelastic_run::Source::open_decided(&data, options, slam.then_some(true), warnings)?;
                 input.description().lines().for_each(|line| tracing::info!("{line}"));
                 let (odometry, sensor) = (input.odometry(threads)?, input.sensor());
                 Ok(Some(Self::new(Scans::Recorded(Box::new(input), rate, Positions::default()), odometry, sensor)))

@@ -20,8 +20,8 @@ pub struct PathFile {
     generator: &'static str,
     map: String,
     frame: &'static str,
-    #[serde(flatten)]
     /// The request, and the properties of the path.
+    #[serde(flatten)]
     pub figures: Figures,
     path: Vec<Point>,
     clearance_m: Vec<f64>,

@@ -12,7 +12,7 @@ pub use inputs::Inputs;
 pub use pose_check::{PosesCheck, pose_flags, pose_problem};
 pub use raw::RawSource;
 pub use sample::{Examination, Sample, SampledCloud};
-pub use times_check::check_compensation;
+pub use times_check::check_undistorted;
 pub use voxelastic_slam::pose_check::{CheckScan, Verdict};
 
 use crate::poses::{OdometrySetup, OdometryStage};

@@ -53,14 +53,14 @@ impl Source {
         what: PosesCheck,
         warnings: &mut Warnings,
     ) -> Result<(Self, Option<Examination>)> {
-        let mut source = Self::open(path, options, slam)?;
         if what == PosesCheck::Off {
-            return Ok((source, None));
+            return Ok((Self::open_decided(path, options, slam, warnings)?.0, None));
         }
+        let mut source = Self::open(path, options, slam)?;
         let mut found = source.examine(options);
         let mut options = options.clone();
-        if let Some(reading) = times_check::decide(&found, path, &options, warnings) {
-            options.point_times = reading;
+        if let Some(point_times) = times_check::decide(&found.sample, path, &options, warnings) {
+            options.point_times = point_times;
             source = Self::open(path, &options, slam)?;
             found = source.examine(&options);
         }

@@ -101,7 +101,7 @@ fn of_raw(inputs: Inputs) -> Sample {
     let mut sample = Sample { has_times: true, ..Sample::default() };
     let mut times = Vec::new();
     let came = inputs.filter_map(|input| if let Input::RawScan(scan, _) = input { Some(scan) } else { None });
-    for scan in came.take(FROM_BEGINNING) {
+    for scan in came.filter(|scan| scan.cloud.sensor == 0).take(FROM_BEGINNING) {
         sample.add(0, &scan.cloud);
         times.push(scan.time);
     }

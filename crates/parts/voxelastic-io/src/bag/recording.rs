@@ -212,7 +212,18 @@ impl Recording {
                 let (corrections, without_stamps, frames) =
                     (self.options.correction_topic.clone(), chosen.without_stamps.clone(), chosen.frames.clone());
                 let stretches_times = self.options.point_times == PointTimes::OverInterval;
-                let topics = StreamTopics { clouds, frames, poses, corrections, imu: None, packets, intervals, stretches_times, without_stamps };
+                let topics = StreamTopics {
+                    clouds,
+                    frames,
+                    poses,
+                    corrections,
+                    imu: None,
+                    packets,
+                    intervals,
+                    stretches_times,
+                    tells_misfits: false,
+                    without_stamps,
+                };
                 Arc::new(move || Ok(Box::new(BagStream::new(&files, topics.clone())) as Box<dyn MessageStream>))
             }
             Input::Capture(kind) => {

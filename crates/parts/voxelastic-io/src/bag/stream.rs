@@ -85,6 +85,8 @@ pub(super) struct StreamTopics {
     pub(super) intervals: Vec<Interval>,
     /// Further sensors that publish to a topic of the clouds: the topic, and the frame of their clouds.
     pub(super) frames: Vec<[String; 2]>,
+    /// Whether it is said if times of points contradict the interval between clouds, because nobody looks at some of them first.
+    pub(super) tells_misfits: bool,
     /// Whether times of points are stretched over the interval between clouds.
     pub(super) stretches_times: bool,
     /// Topics whose messages have time stamps of zero: the times at which they were recorded are taken.
@@ -220,8 +222,14 @@ impl SensorMessages {
             let bytes = message.message.data.len();
             let sensor = self.topics.sensor(&message.topic.name, &header.frame);
             self.check_frame(sensor, &message.topic.name, &header.frame);
-            let decode = Box::new(move || message.cloud());
-            let interval_s = self.intervals.entry(sensor).or_default().after(time);
+            let intervals = self.intervals.entry(sensor).or_default();
+            let interval_s = intervals.after(time);
+            let watched = intervals.settled().filter(|_| self.topics.tells_misfits);
+            let decode = Box::new(move || {
+                let cloud = message.cloud()?;
+                watched.iter().for_each(|interval_s| cloud.tell_misfit(*interval_s));
+                Ok(cloud)
+            });
             let sweep = SweepTime { interval_s, is_stretched: self.topics.stretches_times };
             return Ok(SensorMessage::Cloud(CloudMessage { time, frame: header.frame, sensor, sweep, has_times, bytes, decode }));
         }

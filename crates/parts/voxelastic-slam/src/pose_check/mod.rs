@@ -13,7 +13,8 @@ pub use motions::CheckScan;
 pub use readings::Reading;
 
 use hand_eye::mounting;
-use motions::{Motion, discrepancy, measure, measure_from_anywhere, middle};
+pub(crate) use motions::middle;
+use motions::{Motion, discrepancy, measure, measure_from_anywhere};
 use rayon::prelude::*;
 use voxelastic::geometry::{Pose, PoseExt};
 

@@ -135,7 +135,7 @@ pub(super) fn measure_from_anywhere(first: &CheckScan, second: &CheckScan, track
 }
 
 /// The middle one; 0 of none.
-pub(super) fn middle(values: impl Iterator<Item = f64>) -> f64 {
+pub(crate) fn middle(values: impl Iterator<Item = f64>) -> f64 {
     let mut values: Vec<f64> = values.collect();
     values.sort_by(f64::total_cmp);
     values.get(values.len() / 2).copied().unwrap_or(0.0)

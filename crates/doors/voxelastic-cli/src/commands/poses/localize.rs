@@ -17,9 +17,8 @@ use voxelastic::event::NodeId;
 use voxelastic::geometry::PoseExt;
 use voxelastic_eval::SeriesStats;
 use voxelastic_io::{Origin, dataset, poses};
-use voxelastic_run::HoldOut;
 use voxelastic_run::precision::LARGEST;
-use voxelastic_run::{map_files, surfaces};
+use voxelastic_run::{HoldOut, Warnings, map_files, surfaces};
 use voxelastic_slam::loops::{Localiser, LocaliserSettings, Whereabouts};
 
 /// Find where in a map scans were taken
@@ -139,7 +138,7 @@ struct Row {
 pub fn run(args: &LocalizeArgs, quiet: bool) -> anyhow::Result<u8> {
     let clock = Instant::now();
     let pool = args.surface.pool()?;
-    let scans = args.data.open()?;
+    let (scans, _) = args.data.open(&mut Warnings::default())?;
     scans.description().lines().for_each(|line| tracing::info!("{line}"));
     let mut truth = args.truth.as_deref().map(|file| true_poses(args.data.path(), file)).transpose()?;
     let map = pool.install(|| map_files::load(&args.map, args.load.into()))?;

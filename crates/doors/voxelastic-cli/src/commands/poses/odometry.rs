@@ -83,13 +83,14 @@ struct Summary {
 
 /// Runs the command.
 pub fn run(args: &OdometryArgs, quiet: bool) -> anyhow::Result<u8> {
-    let scans = args.data.open()?;
+    let mut warnings = Warnings::default();
+    let (scans, are_distorted) = args.data.open(&mut warnings)?;
     scans.description().lines().for_each(|line| tracing::info!("{line}"));
     let truth = TruePoses::find(args.data.path(), scans.is_recording(), args.truth.as_deref())?;
     let mut settings = OdometrySettings::default();
     settings.voxel_size = args.voxel_size;
     (settings.min_range, settings.max_range) = (args.min_range, args.max_range);
-    settings.deskew = args.data.are_distorted();
+    settings.deskew = are_distorted;
     let pool = threads::pool(args.threads)?;
     let clock = PoolClock::new(&pool);
     let mut odometry = Odometry::new(settings);
@@ -97,7 +98,7 @@ pub fn run(args: &OdometryArgs, quiet: bool) -> anyhow::Result<u8> {
 
     let total = scans.count().map(|n| n.min(args.max_scans.unwrap_or(n)) as u64);
     let mut progress = Progress::new("scans", total, quiet);
-    let (mut tracked, mut log, mut unreadable, mut warnings) = (Vec::new(), OdometryLog::default(), 0, Warnings::default());
+    let (mut tracked, mut log, mut unreadable) = (Vec::new(), OdometryLog::default(), 0);
     for scan in scans.iter().take(args.max_scans.unwrap_or(usize::MAX)) {
         let scan = match scan {
             Ok(scan) => scan,

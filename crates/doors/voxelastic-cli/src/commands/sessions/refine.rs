@@ -85,7 +85,7 @@ pub fn run(args: &RefineArgs, quiet: bool) -> anyhow::Result<u8> {
     interrupt::install("stopping; the map stays as it was");
     let pool = threads::pool(args.threads)?;
     let map = pool.install(|| map_files::load(&args.map, Loading::AS_STORED))?;
-    let source = Source::open(args.data.path(), &args.data.options(false), None)?;
+    let (source, _) = Source::open_decided(args.data.path(), &args.data.options(false), None, &mut Warnings::default())?;
     play(&source)?;
     let mut clouds = source.clouds();
     let before_reading = clock.elapsed();

@@ -63,7 +63,8 @@ impl LiveTopics {
             clouds.push(further);
         }
         let stretches_times = options.point_times == PointTimes::OverInterval;
-        let mut stream = StreamTopics { clouds, stretches_times, ..StreamTopics::default() };
+        let mut stream =
+            StreamTopics { clouds, stretches_times, tells_misfits: options.point_times == PointTimes::Undecided, ..StreamTopics::default() };
         let mut by_transforms = false;
         if estimates_poses {
             stream.imu = choose_imu(&summary, path, options)?;
