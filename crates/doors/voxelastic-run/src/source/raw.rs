@@ -44,6 +44,10 @@ impl RawSource {
         self.scans.count().filter(|_| self.setup.keyframing == Keyframing::All).map(|n| n.min(self.setup.most))
     }
 
+    pub(super) fn interval_s(&self) -> Option<f64> {
+        self.scans.interval_s()
+    }
+
     pub(super) fn sensor(&self) -> Option<BeamModel> {
         self.scans.sensor()
     }

@@ -78,7 +78,7 @@ impl Source {
                 RegisteredSource::Folder(folder) => of_folder(folder, times),
                 recording => of_recording(recording, times),
             },
-            Self::Raw(_) => of_raw(self.inputs()),
+            Self::Raw(raw) => of_raw(self.inputs(), raw.interval_s()),
         }
     }
 }
@@ -97,15 +97,12 @@ fn of_recording(recording: &RegisteredSource, times: usize) -> Sample {
 }
 
 /// The beginning of scans without poses.
-fn of_raw(inputs: Inputs) -> Sample {
-    let mut sample = Sample { has_times: true, ..Sample::default() };
-    let mut times = Vec::new();
+fn of_raw(inputs: Inputs, interval_s: Option<f64>) -> Sample {
+    let mut sample = Sample { has_times: true, interval_s, ..Sample::default() };
     let came = inputs.filter_map(|input| if let Input::RawScan(scan, _) = input { Some(scan) } else { None });
     for scan in came.filter(|scan| scan.cloud.sensor == 0).take(FROM_BEGINNING) {
         sample.add(0, &scan.cloud);
-        times.push(scan.time);
     }
-    sample.interval_s = interval(&times);
     sample
 }
 

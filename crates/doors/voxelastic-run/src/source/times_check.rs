@@ -154,8 +154,8 @@ mod tests {
         assert!(does_not_fit(0.2, 0.1) && does_not_fit(0.05, 0.1));
     }
 
-    /// A walk whose sweeps have times, of which `spoil` makes what it has; the interval between clouds is in the names of the files.
-    fn walk(dir: &Path, every: usize, moving: bool, spoil: impl Fn(&mut voxelastic::Cloud)) {
+    /// A walk whose sweeps have times, of which `spoil` makes what it has, begun `late` seconds.
+    fn walk(dir: &Path, every: usize, moving: bool, late: f64, spoil: impl Fn(&mut voxelastic::Cloud)) {
         let walk = Simulation::new(SimOptions {
             sensor: "os1-32".into(),
             columns: Some(256),
@@ -167,11 +167,14 @@ mod tests {
             ..SimOptions::of("room")
         });
         let walk = walk.unwrap();
-        for scan in walk.scans(PoseSource::Truth).step_by(every) {
+        let mut times = String::new();
+        for (k, scan) in walk.scans(PoseSource::Truth).step_by(every).enumerate() {
             let mut cloud = scan.cloud;
             spoil(&mut cloud);
-            pcd::write(dir.join(format!("{:.6}.pcd", 100.0 + scan.time)), &cloud).unwrap();
+            pcd::write(dir.join(format!("{k:06}.pcd")), &cloud).unwrap();
+            times.push_str(&format!("{:.6}\n", 100.0 + scan.time + late));
         }
+        std::fs::write(dir.join("times.txt"), times).unwrap();
     }
 
     #[test]
@@ -190,7 +193,7 @@ mod tests {
         ];
         for (name, every, spoil, expected) in cases {
             let dir = tempfile::tempdir().unwrap();
-            walk(dir.path(), every, name != "undistorted", spoil);
+            walk(dir.path(), every, name != "undistorted", 0.0, spoil);
             let mut warnings = Warnings::default();
             let options = OpenOptions::default();
             let found = Source::open(dir.path(), &options, None).unwrap().examine(&options);
@@ -210,7 +213,7 @@ mod tests {
                 let of = |k: usize| 0.1 * (k % cloud.width) as f32 / cloud.width as f32;
                 cloud.time = Some((0..cloud.len()).map(of).collect());
             };
-            walk(dir.path(), 1, moving, times);
+            walk(dir.path(), 1, moving, 0.0, times);
             let (mut warnings, options) = (Warnings::default(), OpenOptions::default());
             let found = Source::open(dir.path(), &options, None).unwrap().examine(&options);
             check_undistorted(&found.sample, dir.path(), &options, &mut warnings);
@@ -221,13 +224,8 @@ mod tests {
     #[test]
     fn sweeps_are_compared_with_the_interval_of_their_own_sensor() {
         let dirs = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
-        dirs.iter().for_each(|dir| walk(dir.path(), 1, true, |_| ()));
         // The second sensor turns half a turn later.
-        for entry in std::fs::read_dir(dirs[1].path()).unwrap() {
-            let path = entry.unwrap().path();
-            let time: f64 = path.file_stem().unwrap().to_str().unwrap().parse().unwrap();
-            std::fs::rename(&path, path.with_file_name(format!("{:.6}.pcd", time + 0.05))).unwrap();
-        }
+        dirs.iter().zip([0.0, 0.05]).for_each(|(dir, late)| walk(dir.path(), 1, true, late, |_| ()));
         let further = SensorFolder { path: dirs[1].path().into(), t_base_lidar: Some(voxelastic::Pose::identity()) };
         let options = OpenOptions { more_folders: vec![further], t_base_lidar: Some(voxelastic::Pose::identity()), ..OpenOptions::default() };
         let sample = Source::open(dirs[0].path(), &options, None).unwrap().sample(1);

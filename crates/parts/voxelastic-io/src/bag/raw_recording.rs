@@ -8,6 +8,7 @@ use super::topics::{choose_clouds, choose_further_clouds, choose_imu, further_fr
 use crate::capture::CaptureKind;
 use crate::motion::ImuMount;
 use crate::playback::{CloudRereader, MessageStream, OpenStream, PlaybackLog};
+use crate::stamped_cloud::Interval;
 use crate::{OpenOptions, PointTimes, Result};
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -27,6 +28,8 @@ pub(crate) struct RawRecording {
     model: Option<Box<BeamModel>>,
     /// Number of clouds, if known.
     count: Option<usize>,
+    /// The usual time between the clouds of the first sensor, seconds.
+    interval_s: Option<f64>,
     description: String,
     /// Where the inertial measurement unit is in the lidar frame, if one is used.
     t_lidar_imu: Option<Pose>,
@@ -61,6 +64,7 @@ impl RawRecording {
                 open,
                 model: None,
                 count: None,
+                interval_s: None,
                 description,
                 t_lidar_imu,
                 t_first_sensor: Vec::new(),
@@ -91,7 +95,8 @@ impl RawRecording {
         }
         let description =
             further.iter().fold(description, |said, f| format!("{said}\nnote: clouds of {} in {} are of a sensor of their own", f.topic, f.frame));
-        let intervals = summary.intervals(&topics).into_iter().chain(further.iter().map(|frame| frame.interval.clone())).collect();
+        let intervals: Vec<Interval> = summary.intervals(&topics).into_iter().chain(further.iter().map(|frame| frame.interval.clone())).collect();
+        let interval_s = intervals.first().and_then(Interval::usual);
         let frames = further.into_iter().map(|frame| [frame.topic, frame.frame]).collect();
         let without_stamps = summary.without_stamps(topics.iter().chain(&imu));
         let description =
@@ -108,7 +113,7 @@ impl RawRecording {
             ..StreamTopics::default()
         };
         let open: OpenStream = Arc::new(move || Ok(Box::new(BagStream::new(&files, topics.clone())) as Box<dyn MessageStream>));
-        Ok(Self { path: path.into(), capture: None, open, model, count, description, t_lidar_imu, t_first_sensor, log })
+        Ok(Self { path: path.into(), capture: None, open, model, count, interval_s, description, t_lidar_imu, t_first_sensor, log })
     }
 
     /// Pose of each further sensor in the frame of the first.
@@ -124,6 +129,11 @@ impl RawRecording {
     /// Number of clouds, if known before they are read.
     pub(crate) fn count(&self) -> Option<usize> {
         self.count
+    }
+
+    /// The usual time between the clouds of the first sensor in the beginning, seconds, if a sweep can take that long.
+    pub(crate) fn interval_s(&self) -> Option<f64> {
+        self.interval_s
     }
 
     /// The sensor's own tables of beams, if its packets were recorded with them.

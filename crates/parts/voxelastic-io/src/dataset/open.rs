@@ -119,7 +119,8 @@ fn open_folder(path: &Path, options: &OpenOptions) -> Result<Dataset> {
     let track = (options.point_times != PointTimes::Undistorted && has_times)
         .then(|| Arc::new(pose_track(&trajectory.earlier(options.pose_change.seconds), &stamped)));
     let (t_base_lidar, pose_change) = (options.t_base_lidar, options.pose_change);
-    let sweeps = sweep_time(times.of_clouds.as_deref(), options);
+    let of_poses: Option<Vec<f64>> = trajectory.times.is_some().then(|| stamped.iter().map(|(time, _)| *time).collect());
+    let sweeps = sweep_time(times.of_clouds.as_deref().or(of_poses.as_deref()), options);
     let context = SnapshotContext { t_base_lidar, pose_change, nodes, times: times.of_clouds, sweeps, has_times, track, further: Vec::new() };
     // Snapshots correct an estimate. The ground truth needs no corrections.
     let snapshots = if pose_file.is_ground_truth() { description.drop_snapshots() } else { folder.snapshots };

@@ -22,12 +22,12 @@ pub(super) struct RawScan {
     index: usize,
     pub(super) node: NodeId,
     /// Which sensor took it, if there are several.
-    sensor: u16,
+    pub(super) sensor: u16,
     /// Seconds, if known from files or names.
     time: Option<f64>,
     sweep: Option<[f64; 2]>,
     /// How long a sweep takes.
-    sweeps: SweepTime,
+    pub(super) sweeps: SweepTime,
 }
 
 impl RawScan {

@@ -110,6 +110,14 @@ impl RawScans {
         }
     }
 
+    /// The usual time between the clouds of the first sensor, seconds, if it is known and a sweep can take that long.
+    pub fn interval_s(&self) -> Option<f64> {
+        match &self.input {
+            Input::Folder(scans, _) => scans.iter().find(|scan| scan.sensor == 0).and_then(|scan| scan.sweeps.interval_s),
+            Input::Recording(recording) => recording.interval_s(),
+        }
+    }
+
     /// The sensor's own tables of beams, if the data contain them: those of an Ouster's packets.
     pub fn sensor(&self) -> Option<BeamModel> {
         match &self.input {

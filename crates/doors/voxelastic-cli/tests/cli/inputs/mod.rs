@@ -5,6 +5,7 @@ pub(super) mod bad_input;
 pub(super) mod hostile_files;
 pub(super) mod images;
 pub(super) mod origin;
+pub(super) mod point_times;
 pub(super) mod recordings;
 #[cfg(unix)]
 pub(super) mod sensors;
