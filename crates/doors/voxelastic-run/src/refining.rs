@@ -175,7 +175,7 @@ fn returns(node: NodeId, clouds: &mut dyn ScanSource) -> Result<Vec<[f32; 3]>> {
         let what = format!("the points of scan {node} have times, and how the sensor moved during the sweep is not in the data");
         return Err(Error::new(
             what,
-            "write the poses with `voxelastic odometry` and map with them, or say --point-times undistorted if the clouds are compensated already",
+            "write the poses with `voxelastic odometry` and map with them, or say --point-times undistorted if the clouds are undistorted already",
         ));
     }
     Ok(still.unwrap_or(cloud).points.into_iter().filter(Cloud::is_return).collect())
