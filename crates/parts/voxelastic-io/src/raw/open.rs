@@ -38,7 +38,7 @@ pub fn open(path: impl AsRef<Path>, options: &OpenOptions) -> Result<RawScans> {
         }
         let recording = RawRecording::open(path, options)?;
         let (description, t_first_sensor) = (recording.description(), recording.t_first_sensor().to_vec());
-        (Input::Recording(recording), description, t_first_sensor)
+        (Input::Recording(Box::new(recording)), description, t_first_sensor)
     } else {
         let (mut scans, mut description) = read_folder(path, options.point_times)?;
         let t_first_sensor = mounts_of_folders(options)?;
@@ -78,7 +78,7 @@ pub struct RawScans {
 #[derive(Clone, Debug)]
 enum Input {
     Folder(Arc<[RawScan]>, Option<FolderImu>),
-    Recording(RawRecording),
+    Recording(Box<RawRecording>),
 }
 
 impl RawScans {
