@@ -1,6 +1,6 @@
 //! E57 (ASTM E2807), through the `e57` crate: scans with the pose of the scanner, as laser scanners and survey software write them.
 
-use super::{Gather, SurveyCloud, check};
+use super::{Gather, SurveyCloud, check, e57_streams};
 use crate::file::{self, write_atomically};
 use crate::{Error, Position, Result, unpacking};
 use e57::{CartesianCoordinate, E57Reader, E57Writer, PointCloud, Quaternion, Record, RecordDataType, RecordValue, Transform, Translation};
@@ -39,6 +39,7 @@ pub fn parse(bytes: &[u8], path: &Path) -> Result<Vec<E57Scan>> {
     let mut reader = E57Reader::new(Cursor::new(bytes)).map_err(|e| damaged(path, &e))?;
     let described = reader.pointclouds();
     check_claims(&described, bytes.len() as u64, path)?;
+    described.iter().try_for_each(|described| check_streams(Cursor::new(bytes), described, path))?;
     let scans = described.iter().map(|described| scan(&mut reader, described, path)).collect::<Result<Vec<_>>>()?;
     if scans.is_empty() { Err(Error::NoReturn { path: path.into(), points: 0 }) } else { Ok(scans) }
 }
@@ -69,6 +70,7 @@ pub fn read_one(path: impl AsRef<Path>, number: usize) -> Result<E57Scan> {
         return Err(Error::content(path, Position::File, problem, "the file has changed: open it again"));
     };
     check_claims(std::slice::from_ref(described), length, path)?;
+    check_streams(BufReader::new(file_of(path)?), described, path)?;
     scan(&mut reader, described, path)
 }
 
@@ -90,10 +92,21 @@ fn check_claims(scans: &[PointCloud], length: u64, path: &Path) -> Result<()> {
     Err(Error::content(path, Position::File, problem, REMEDY))
 }
 
+/// Refuses points whose values do not come together: the decoder keeps those that wait.
+fn check_streams<R: Read + Seek>(file: R, described: &PointCloud, path: &Path) -> Result<()> {
+    if e57_streams::are_apart(file, described) {
+        return Err(Error::content(path, Position::File, "millions of values of its points are stored before the others of the same points", REMEDY));
+    }
+    Ok(())
+}
+
+fn file_of(path: &Path) -> Result<File> {
+    voxelastic_files::patiently(|| File::open(path)).map_err(|e| Error::io(path, "open", e))
+}
+
 fn open(path: &Path) -> Result<E57Reader<BufReader<File>>> {
     voxelastic_files::note_read(path);
-    let file = voxelastic_files::patiently(|| File::open(path)).map_err(|e| Error::io(path, "open", e))?;
-    E57Reader::new(BufReader::new(file)).map_err(|e| damaged(path, &e))
+    E57Reader::new(BufReader::new(file_of(path)?)).map_err(|e| damaged(path, &e))
 }
 
 fn damaged(path: &Path, error: &e57::Error) -> Error {

@@ -5,6 +5,7 @@
 
 pub mod copc;
 pub mod e57;
+mod e57_streams;
 pub mod las;
 mod laz;
 

@@ -121,6 +121,11 @@ def e57s():
     yield "packet", e57(e57_xml(9, single), section + packet([65535] * 3, 65536))
     yield "no packet", e57(e57_xml(9, single), le("B7xQQQ", 1, HUGE, HUGE, HUGE))
     yield "many streams", e57(e57_xml(9, single), section + packet([0] * 20, 12))
+    # A bit of x for each point, and nothing of y and z: what the decoder keeps of x grows by 128 times.
+    bit = 'ScaledInteger" minimum="0" maximum="1" scale="1" offset="0'
+    ahead = le("BBHH", 1, 0, 65535 - 24, 3) + b"".join(le("H", n) for n in (65500, 0, 0)) + bytes(65500)
+    ahead += bytes(-len(ahead) % 4)
+    yield "one stream ahead", e57(e57_xml(10**7, bit), section[:32] + ahead * 110)
     laughs = "".join(f'<!ENTITY a{k + 1} "{f"&a{k};" * 10}">' for k in range(9))
     yield "entities", e57(e57_xml("&a9;", single, f'<!DOCTYPE a [<!ENTITY a0 "ha">{laughs}]>'))
     yield "deep", e57(b"<e57Root>" + b"<a>" * 100_000)
