@@ -74,13 +74,69 @@ impl Grid {
     pub fn padded(&self, block: i32) -> Self {
         let low = self.cells.low.map(|c| c.div_euclid(block) * block);
         let high = [0, 1].map(|k| (self.cells.low[k] + self.cells.size[k] as i32 + block - 1).div_euclid(block) * block);
-        let cells = Cells { low, size: [0, 1].map(|k| (high[k] - low[k]) as usize), ..self.cells };
-        let mut padded = Self { cells, states: vec![State::Unknown; cells.count()], costs: vec![0; cells.count()] };
-        for (row, (states, costs)) in self.states.chunks(self.cells.size[0]).zip(self.costs.chunks(self.cells.size[0])).enumerate() {
-            let Some(first) = cells.index([self.cells.low[0], self.cells.low[1] + row as i32]) else { continue };
-            padded.states[first..first + states.len()].copy_from_slice(states);
-            padded.costs[first..first + costs.len()].copy_from_slice(costs);
+        self.over(low, [0, 1].map(|k| (high[k] - low[k]) as usize))
+    }
+
+    /// What it says of `size` cells from `low`, whose edges are its own; unknown beyond its ends.
+    pub fn over(&self, low: [i32; 2], size: [usize; 2]) -> Self {
+        let cells = Cells { low, size, ..self.cells };
+        let mut over = Self { cells, states: vec![State::Unknown; cells.count()], costs: vec![0; cells.count()] };
+        for y in (low[1]..).take(size[1]) {
+            let (begin, end) = (low[0].max(self.cells.low[0]), (low[0] + size[0] as i32).min(self.cells.low[0] + self.cells.size[0] as i32));
+            let Some(count) = usize::try_from(end - begin).ok().filter(|count| *count > 0) else { break };
+            if let (Some(from), Some(to)) = (self.cells.index([begin, y]), cells.index([begin, y])) {
+                over.states[to..to + count].copy_from_slice(&self.states[from..from + count]);
+                over.costs[to..to + count].copy_from_slice(&self.costs[from..from + count]);
+            }
         }
-        padded
+        over
+    }
+
+    /// Marks the cells of a storey in which one of `points` (map frame, metres) is in the robot's way: above its largest step, below its height. For what a scan has just seen, and the map,
+    /// whose voxels are `voxel` metres, does not take for occupied yet.
+    pub fn mark(&mut self, storey: &Storey, body: &Body, voxel: f64, points: &[[f64; 3]]) {
+        let lowest = body.step.max(1.5 * voxel);
+        for p in points {
+            let (Some(cell), Some(on)) = (self.cells.at([p[0], p[1]]), storey.cells.at([p[0], p[1]])) else { continue };
+            let floor = &storey.floor[on];
+            let height = p[2] - f64::from(floor.height);
+            if floor.known != Known::No && (lowest..body.height.max(lowest + voxel)).contains(&height) {
+                self.states[cell] = State::Occupied;
+            }
+        }
+    }
+
+    /// Where a robot stands nothing is unknown: cells within `radius` metres of `middle` (map frame) are free unless they are occupied.
+    pub fn clear_under(&mut self, middle: [f64; 2], radius: f64) {
+        for cell in 0..self.cells.count() {
+            let [x, y] = self.cells.centre(cell);
+            if self.states[cell] == State::Unknown && (x - middle[0]).hypot(y - middle[1]) <= radius {
+                self.states[cell] = State::Free;
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Parts of a grid that lie within it, across its ends, and beyond them.
+    #[test]
+    fn a_part_of_a_grid_says_what_the_grid_says() {
+        let cells = Cells { edge: 0.5, low: [-4, 7], size: [13, 9] };
+        let all = [State::Free, State::Occupied, State::Unknown];
+        let states = (0..cells.count()).map(|k| all[k * k % 3]).collect();
+        let grid = Grid { cells, states, costs: (0..cells.count()).map(|k| (k % 99) as u8).collect() };
+        for (low, size) in [([-2, 8], [5, 3]), ([-9, 2], [30, 30]), ([6, 10], [9, 20]), ([40, 40], [3, 3]), ([-20, 7], [4, 4]), ([0, 0], [0, 5])] {
+            let part = grid.over(low, size);
+            assert_eq!(part.states.len(), size[0] * size[1]);
+            for cell in 0..part.cells.count() {
+                let whole = cells.at(part.cells.centre(cell));
+                assert_eq!(part.states[cell], whole.map_or(State::Unknown, |k| grid.states[k]));
+                assert_eq!(part.costs[cell], whole.map_or(0, |k| grid.costs[k]));
+            }
+        }
+        assert_eq!((grid.padded(8).cells.low, grid.padded(8).cells.size), ([-8, 0], [24, 16]));
     }
 }

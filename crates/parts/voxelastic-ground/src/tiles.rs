@@ -105,26 +105,43 @@ impl GroundTiles {
     /// [`GroundError::TooLarge`].
     pub fn make(&mut self, atlas: &Atlas, focus: [f64; 2], time: Duration) -> Result<(), GroundError> {
         let begin = Instant::now();
-        let (query, surfaces) = (AtlasQuery::new(atlas), DistanceQuery::new(atlas));
         let tile = TILE as f64 * self.lattice.resolution;
         let distance = |at: &[i32; 2]| (f64::from(at[1]) - focus[0] / tile + 0.5).hypot(f64::from(at[0]) - focus[1] / tile + 0.5);
         let mut order: Vec<[i32; 2]> = self.stale.iter().copied().collect();
         order.sort_by(|a, b| distance(a).total_cmp(&distance(b)).then(a.cmp(b)));
         for some in order.chunks(if time == Duration::MAX { order.len().max(1) } else { AT_ONCE }) {
-            let made: Vec<Option<Tile>> = some.par_iter().map(|at| Tile::rough(&query, &self.lattice, *at)).collect::<Result<_, _>>()?;
-            let mut made: Vec<([i32; 2], Option<Tile>)> = some.iter().copied().zip(made).collect();
-            let mut parts: Vec<(&Columns, &mut Levels)> =
-                made.iter_mut().filter_map(|(_, tile)| tile.as_mut()).map(|tile| (&tile.columns, &mut tile.levels)).collect();
-            Levels::refine(&mut parts, &surfaces);
-            for (at, tile) in made {
-                self.stale.remove(&at);
-                match tile {
-                    Some(tile) => drop(self.tiles.insert(at, Arc::new(tile))),
-                    None => drop(self.tiles.remove(&at)),
-                }
-            }
+            self.make_some(atlas, some)?;
             if begin.elapsed() >= time {
                 break;
+            }
+        }
+        Ok(())
+    }
+
+    /// Makes those that are out of date within `reach` metres of `centre` to the sides (map frame), and gives up those that are far from there.
+    ///
+    /// # Errors
+    /// [`GroundError::TooLarge`].
+    pub fn make_near(&mut self, atlas: &Atlas, centre: [f64; 2], reach: f64) -> Result<(), GroundError> {
+        let (near, far) = (self.lattice.tiles_within(centre, reach), self.lattice.tiles_within(centre, 4.0 * reach));
+        self.stale.extend(self.tiles.keys().filter(|at| !is_within(&far, at)));
+        self.tiles.retain(|at, _| is_within(&far, at));
+        let some: Vec<[i32; 2]> = self.stale.iter().filter(|at| is_within(&near, at)).copied().collect();
+        self.make_some(atlas, &some)
+    }
+
+    fn make_some(&mut self, atlas: &Atlas, some: &[[i32; 2]]) -> Result<(), GroundError> {
+        let (query, surfaces) = (AtlasQuery::new(atlas), DistanceQuery::new(atlas));
+        let made: Vec<Option<Tile>> = some.par_iter().map(|at| Tile::rough(&query, &self.lattice, *at)).collect::<Result<_, _>>()?;
+        let mut made: Vec<([i32; 2], Option<Tile>)> = some.iter().copied().zip(made).collect();
+        let mut parts: Vec<(&Columns, &mut Levels)> =
+            made.iter_mut().filter_map(|(_, tile)| tile.as_mut()).map(|tile| (&tile.columns, &mut tile.levels)).collect();
+        Levels::refine(&mut parts, &surfaces);
+        for (at, tile) in made {
+            self.stale.remove(&at);
+            match tile {
+                Some(tile) => drop(self.tiles.insert(at, Arc::new(tile))),
+                None => drop(self.tiles.remove(&at)),
             }
         }
         Ok(())
@@ -133,6 +150,15 @@ impl GroundTiles {
     /// The tiles as they are, also those that are out of date.
     pub fn copy(&self, atlas: &Atlas) -> TilesCopy {
         TilesCopy { lattice: self.lattice, tiles: self.tiles.values().cloned().collect(), places: scan_places(atlas) }
+    }
+
+    /// The tiles as they are within `reach` metres of `centre` to the sides, and the places of scans there.
+    pub fn copy_near(&self, atlas: &Atlas, centre: [f64; 2], reach: f64) -> TilesCopy {
+        let near = self.lattice.tiles_within(centre, reach);
+        let tiles = self.tiles.iter().filter(|(at, _)| is_within(&near, at)).map(|(_, tile)| tile.clone()).collect();
+        let mut places = scan_places(atlas);
+        places.retain(|p| (0..2).all(|k| (p[k] - centre[k]).abs() <= reach));
+        TilesCopy { lattice: self.lattice, tiles, places }
     }
 
     /// The tiles, without a copy that takes memory.
@@ -193,6 +219,16 @@ impl Lattice {
         let at = |c: f64| ((c / tile).floor() as i32).clamp(-ORIGIN, ORIGIN);
         [[0, 1].map(|k| at(low[k] - self.cube)), [0, 1].map(|k| at(high[k] + self.cube))]
     }
+
+    /// The first and the last tile, x and y, within `reach` metres of a point to the sides.
+    fn tiles_within(&self, [x, y]: [f64; 2], reach: f64) -> [[i32; 2]; 2] {
+        self.tiles_of([[x - reach, y - reach, 0.0], [x + reach, y + reach, 0.0]])
+    }
+}
+
+/// Whether a tile, by y and x, is among those from the first to the last, by x and y.
+fn is_within([low, high]: &[[i32; 2]; 2], at: &[i32; 2]) -> bool {
+    (low[0]..=high[0]).contains(&at[1]) && (low[1]..=high[1]).contains(&at[0])
 }
 
 impl Tile {
@@ -333,5 +369,31 @@ mod tests {
         assert!(stale > 0 && 2 * stale < tiles.tiles.len(), "{stale} of {}", tiles.tiles.len());
         tiles.note(mapper.atlas()).unwrap();
         assert!(!tiles.is_stale(), "nothing has changed");
+    }
+
+    #[test]
+    fn tiles_near_a_robot_are_those_of_all() {
+        let settings = Settings { voxel_size: 0.2, max_range: 20.0, field: FieldKind::Both, ..Settings::default() };
+        let sim = Simulation::new(SimOptions { scans: Some(9), columns: Some(128), spacing: 8.0, ..SimOptions::of("street") }).unwrap();
+        let mut mapper = Mapper::new(settings).unwrap();
+        let new = |mapper: &Mapper| GroundTiles::new(0.2, mapper.atlas().query().unwrap().voxel_size()).unwrap();
+        let (mut some, reach) = (new(&mapper), 6.0);
+        for scan in sim.scans(PoseSource::Truth) {
+            let place = scan.t_map_lidar.translation.vector;
+            let centre = [place.x, place.y];
+            mapper.handle(Event::Scan(scan)).unwrap();
+            let (atlas, mut all) = (mapper.atlas(), new(&mapper));
+            for tiles in [&mut some, &mut all] {
+                tiles.note(atlas).unwrap();
+            }
+            some.make_near(atlas, centre, reach).unwrap();
+            all.make(atlas, [0.0; 2], Duration::MAX).unwrap();
+            let near = |tiles: &GroundTiles| tiles.copy_near(atlas, centre, reach).joined().unwrap();
+            let ((columns, levels), (of_all, levels_of_all)) = (near(&some), near(&all));
+            assert_eq!(columns.cells(), of_all.cells());
+            assert!((0..columns.cells().count()).all(|cell| columns.spans(cell).eq(of_all.spans(cell))), "{centre:?}");
+            assert_eq!(format!("{levels:?}"), format!("{levels_of_all:?}"));
+            assert!(some.tiles.len() < all.tiles.len(), "what is far was not made, or given up");
+        }
     }
 }
