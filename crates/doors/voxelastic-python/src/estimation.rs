@@ -16,8 +16,8 @@ pub struct Odometry {
     inner: Arc<Mutex<voxelastic_slam::odometry::Odometry>>,
 }
 
-/// Pose, how it was found, piece of the trajectory, whether it is a keyframe, overlap, spread in metres, information, what is wrong.
-type Registered = ([[f64; 4]; 4], &'static str, usize, bool, f64, f64, [[f64; 6]; 6], Option<String>);
+/// Pose, how it was found, piece of the trajectory, whether it is a keyframe, overlap, spread in metres, information, covariance since the first scan of the piece, what is wrong.
+type Registered = ([[f64; 4]; 4], &'static str, usize, bool, f64, f64, [[f64; 6]; 6], [[f64; 6]; 6], Option<String>);
 
 #[pymethods]
 impl Odometry {
@@ -53,9 +53,10 @@ impl Odometry {
             Status::Failed(failure) => ("failed", Some(failure.to_string())),
             _ => ("registered", None),
         };
-        let information = std::array::from_fn(|i| std::array::from_fn(|j| report.information[(i, j)]));
+        let rows = |matrix: &nalgebra::Matrix6<f64>| std::array::from_fn(|i| std::array::from_fn(|j| matrix[(i, j)]));
+        let (information, covariance) = (rows(&report.information), rows(&report.covariance));
         let pose = arrays::matrix_of_pose(&report.t_map_lidar);
-        Ok((pose, status, report.piece, report.is_keyframe, report.overlap, report.spread, information, problem))
+        Ok((pose, status, report.piece, report.is_keyframe, report.overlap, report.spread, information, covariance, problem))
     }
 }
 

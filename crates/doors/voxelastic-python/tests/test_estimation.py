@@ -30,6 +30,11 @@ def test_odometry_finds_the_poses(drive: vx.Simulation) -> None:
     assert distances(np.array([report.pose for report in reports]), drive.true_poses).max() < 0.05
     information = reports[-1].information
     assert np.allclose(information, information.T) and np.linalg.eigvalsh(information).min() > 0
+    # Errors grow along the way, and are as large as is said: within three standard deviations.
+    sigma = np.array([np.sqrt(np.trace(report.covariance[:3, :3])) for report in reports])
+    assert sigma[0] < sigma[-1] < 0.1
+    errors = distances(np.array([report.pose for report in reports]), drive.true_poses)
+    assert (errors[1:] < 3 * sigma[1:]).all()
     failed = tracker.register(np.zeros((5, 3)))
     assert failed.status == "failed" and failed.problem == "too few returns"
 

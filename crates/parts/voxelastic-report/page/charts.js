@@ -134,6 +134,7 @@ function runCharts(run) {
   if (scans.wall_ms.length) out.push(timeChart(run));
   if (Object.keys(phases).length) out.push(phaseBars(phases));
   if (run.registrations.node.length) out.push(registrationChart(run.registrations));
+  if (run.registrations.sigma_m.some((sigma) => sigma > 0)) out.push(driftChart(run.registrations));
   const corrections = run.corrections.map((c) => c.after);
   if (scans.map_mb.length) {
     const series = [{ name: "Map", colour: "--accent", kind: "area", values: scans.map_mb }];
@@ -163,6 +164,13 @@ function registrationChart({ node, score, overlap, remark }) {
   ];
   const marks = [{ name: "Not registered", colour: "--rose", scans: lost }, { name: "Something to say", colour: "--warm", scans: said }];
   return chart({ title: "Odometry", lead, unit: "", series, marks, nodes: node, remarks: remark });
+}
+
+/** How wrong the odometry's positions can have become, as it estimates that itself. */
+function driftChart({ node, sigma_m: sigma }) {
+  const last = sigma.findLast((s) => s > 0);
+  const series = [{ name: "Standard deviation of the position since the first scan of its piece, without closures", colour: "--accent", kind: "area", values: sigma }];
+  return chart({ title: "Drift", lead: `${short(last)} m in the end, as the odometry estimates it`, unit: "m", series, nodes: node });
 }
 
 /** Time of each scan, by part, with the time between two scans of the sensor (paper Fig. 2). */

@@ -79,6 +79,8 @@ pub struct RegistrationLog {
     pub score: Vec<f64>,
     /// Share of its surfaces that have a counterpart in the local map, 0 to 1.
     pub overlap: Vec<f64>,
+    /// How wrong its position can have become since the first scan of its piece, without closures: standard deviation, metres; 0 if it was not registered.
+    pub sigma_m: Vec<f64>,
     /// What is to be said about it, in words; empty if nothing.
     pub remark: Vec<String>,
 }
@@ -206,7 +208,7 @@ impl RunLog {
         self.phases_ms.retain(|_, column| column.len() == scans);
         let r = &mut self.registrations;
         let registered = r.node.len();
-        [&mut r.score, &mut r.overlap].into_iter().for_each(|column| column.resize(registered, 0.0));
+        [&mut r.score, &mut r.overlap, &mut r.sigma_m].into_iter().for_each(|column| column.resize(registered, 0.0));
         r.remark.resize(registered, String::new());
         if !self.moving.is_whole() {
             self.moving = MovingLog::default();
@@ -227,7 +229,13 @@ mod tests {
             scans,
             phases_ms,
             loops: vec![LoopEdge { from: 3, to: 4, after: 2, ..LoopEdge::default() }],
-            registrations: RegistrationLog { node: vec![3], score: vec![0.5], overlap: vec![0.75], remark: vec![String::new()] },
+            registrations: RegistrationLog {
+                node: vec![3],
+                score: vec![0.5],
+                overlap: vec![0.75],
+                sigma_m: vec![0.125],
+                remark: vec![String::new()],
+            },
             moving: MovingLog { total: 9, every: 4, node: vec![4], count: vec![2], position: vec![[0.5, 1.0, 0.25], [2.0, 0.0, 0.75]] },
             closures: vec![TriedClosure { from: 3, to: 4, verdict: "accepted".into(), overlap: Some(0.5), ..TriedClosure::default() }],
             ..RunLog::default()

@@ -35,7 +35,9 @@ class OdometryReport(NamedTuple):
     spread: float
     """Robust mean distance between the two, metres."""
     information: NDArray[np.float64]
-    """6 x 6 information of the pose: translation (1 / m^2) before rotation (1 / rad^2), in the lidar frame."""
+    """6 x 6 information of the pose: translation (1 / m^2) before rotation (1 / rad^2), in the lidar frame. It says how well the scan lies on those before, not how far these have drifted."""
+    covariance: NDArray[np.float64]
+    """6 x 6 covariance of the error of the pose since the first scan of the piece, drift included: translation (m^2) before rotation (rad^2), in the lidar frame; zero if it was not registered."""
     problem: str | None
     """Why it failed, if it did."""
 
@@ -74,11 +76,11 @@ class Odometry:
         """
         cloud, rows = _arrays.cloud(points)
         stamps = None if times is None else _arrays.channel(times, "times", len(cloud), np.float32)
-        pose, status, piece, is_keyframe, overlap, spread, information, problem = self._inner.register(
+        pose, status, piece, is_keyframe, overlap, spread, information, covariance, problem = self._inner.register(
             cloud, rows, None if time is None else float(time), stamps
         )
         return OdometryReport(
-            np.array(pose), cast("Any", status), piece, is_keyframe, overlap, spread, np.array(information), problem
+            np.array(pose), cast("Any", status), piece, is_keyframe, overlap, spread, np.array(information), np.array(covariance), problem
         )
 
 

@@ -316,7 +316,7 @@ class Odometry:
     def __new__(cls, voxel_size: float | None, min_range: float, max_range: float, deskew: bool) -> Odometry: ...
     def register(
         self, points: NDArray[np.float32], rows: int, time: float | None, times: NDArray[np.float32] | None
-    ) -> tuple[list[list[float]], str, int, bool, float, float, list[list[float]], str | None]:
+    ) -> tuple[list[list[float]], str, int, bool, float, float, list[list[float]], list[list[float]], str | None]:
         """Registers a scan to those before. Returns the fields of `voxelastic.OdometryReport`."""
 
 @final

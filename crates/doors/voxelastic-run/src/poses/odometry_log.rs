@@ -99,6 +99,7 @@ impl OdometryLog {
         r.node.push(node);
         r.score.push(rounded(if report.status == Status::First { 1.0 } else { report.score }));
         r.overlap.push(rounded(report.overlap));
+        r.sigma_m.push(rounded(OdometryDrift::of(report).position_m));
         r.remark.push(said.clone().or(degenerate).unwrap_or_default());
         said
     }

@@ -60,6 +60,7 @@ fn run() -> RunLog {
             node: (0..62).collect(),
             score: (0..62).map(|i| if i == 20 || i == 21 { 0.0 } else { 0.6 + 0.1 * f64::from(i).sin() }).collect(),
             overlap: (0..62).map(|i| if i == 20 || i == 21 { 0.0 } else { 0.9 }).collect(),
+            sigma_m: (0..62).map(|i| if i == 20 || i == 21 { 0.0 } else { 0.02 + 0.004 * f64::from(i) }).collect(),
             remark: (0..62).map(|i| if i == 20 || i == 21 { "too few returns".to_owned() } else { String::new() }).collect(),
         },
         closures: [("accepted", 0.004), ("free_space", 0.09)]
