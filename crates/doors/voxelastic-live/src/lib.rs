@@ -8,6 +8,7 @@
 //! | [`node`] | all of it together: what comes is mapped, told, published and kept |
 //! | [`ros`] | topics and services of ROS 2 |
 //! | [`feed`] | the thread that a transport runs on, and the bounded queue between it and the mapper |
+//! | [`link`] | a link of limited rate to those who listen, such as a radio |
 //! | [`planner`] | where to go next, on a thread with a copy of the map |
 //! | [`publisher`] | from the mapper to the scene: what changed, and which tiles of the surface |
 //! | [`scene`] | what viewers show, as messages ([`wire`]): the latest of each thing |
@@ -21,6 +22,8 @@ pub mod feed;
 #[cfg(feature = "fuzzing")]
 pub mod fuzzing;
 mod http;
+pub mod link;
+mod near_scans;
 pub mod node;
 pub mod ouster;
 mod page;

@@ -15,6 +15,8 @@ use voxelastic::{Cloud, Mapper, Pose};
 const PART: usize = 256;
 /// Most points of a scan that are shown.
 const POINTS: usize = 8192;
+/// Over a link of limited rate, every so many of them.
+const OVER_LINK: usize = 8;
 
 /// The points of a scan that viewers show: every so many of the returns, lidar frame, metres.
 #[derive(Clone, Debug, Default)]
@@ -94,9 +96,11 @@ impl Publisher {
         if let Some(scan) = scan
             && let Some((submap, pose)) = self.newest(atlas)
         {
-            messages.push((Thing::Scan, wire::scan(self.path.len() as u32, scan.time, submap, &pose, &scan.points)));
+            let points: Vec<[f32; 3]> = scan.points.iter().step_by(if self.scene.link().is_some() { OVER_LINK } else { 1 }).copied().collect();
+            messages.push((Thing::Scan, wire::scan(self.path.len() as u32, scan.time, submap, &pose, &points)));
             if let Some((_, t_map_submap)) = self.poses.iter().find(|(id, _)| *id == submap) {
-                self.tiles.focus(<[f64; 3]>::from((t_map_submap * pose).translation.vector).map(|c| c as f32));
+                let place = self.tiles.focus(<[f64; 3]>::from((t_map_submap * pose).translation.vector).map(|c| c as f32));
+                place.into_iter().for_each(|place| self.scene.focus(place));
             }
         }
         self.scene.put(messages);

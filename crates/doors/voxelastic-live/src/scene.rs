@@ -3,10 +3,11 @@
 //! The mapper's thread puts messages in and waits for nobody. Each viewer takes those that are newer than what it has, at its own pace. A slow viewer misses
 //! intermediate states of a thing, but not the last one; one that attaches late gets everything that is there.
 
+use crate::link::Link;
 use crate::wire;
 use axum::body::Bytes;
 use std::collections::{BTreeMap, HashMap};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::sync::watch;
 
 /// A thing that viewers show.
@@ -47,6 +48,8 @@ pub struct Have {
 /// The latest message of each thing.
 #[derive(Debug)]
 pub struct Scene {
+    /// What it is shown over; none where nothing limits that.
+    link: Option<Arc<Link>>,
     things: Mutex<Things>,
     last: watch::Sender<u64>,
 }
@@ -58,15 +61,50 @@ struct Things {
     tiles: BTreeMap<u64, Thing>,
     others: BTreeMap<u64, Thing>,
     bytes: usize,
+    /// The tile that the robot is in.
+    focus: [i32; 3],
 }
 
 impl Default for Scene {
     fn default() -> Self {
-        Self { things: Mutex::default(), last: watch::Sender::new(0) }
+        Self::over(None)
     }
 }
 
+/// Tiles that a viewer has in an older state are less important than those it lacks that are so much farther from the robot, tiles.
+const OLDER: i64 = 4;
+
 impl Scene {
+    /// An empty one that is shown over a link, if there is one.
+    pub fn over(link: Option<Arc<Link>>) -> Self {
+        Self { link, things: Mutex::default(), last: watch::Sender::new(0) }
+    }
+
+    /// What it is shown over.
+    pub fn link(&self) -> Option<&Arc<Link>> {
+        self.link.as_ref()
+    }
+
+    /// The robot is in this tile.
+    pub fn focus(&self, place: [i32; 3]) {
+        self.lock().focus = place;
+    }
+
+    /// Of the tiles that a viewer lacks, or has in an older state, the one that matters most, with its number: the nearest to the robot. `sent` has the number in which each was sent.
+    pub fn most_important(&self, sent: &HashMap<[i32; 3], u64>) -> Option<([i32; 3], u64, Bytes)> {
+        let things = self.lock();
+        let rank = |place: &[i32; 3]| {
+            let steps = (0..3).map(|k| (i64::from(place[k]) - i64::from(things.focus[k])).abs()).max().unwrap_or(0);
+            steps + if sent.contains_key(place) { OLDER } else { 0 }
+        };
+        let lacking = things.tiles.iter().filter_map(|(number, thing)| match thing {
+            Thing::Tile(place) if sent.get(place) != Some(number) => Some((rank(place), *number, *place)),
+            _ => None,
+        });
+        let (_, number, place) = lacking.min()?;
+        Some((place, number, things.latest.get(&Thing::Tile(place))?.1.clone()))
+    }
+
     fn lock(&self) -> MutexGuard<'_, Things> {
         self.things.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -171,6 +209,24 @@ mod tests {
         assert!(scene.news(second.have, 100).messages.is_empty());
         assert_eq!(texts(&scene.news(Have::default(), 100)), ["s3", "b1", "a2"], "a late one gets everything");
         assert_eq!(scene.size(), (3, 6));
+    }
+
+    #[test]
+    fn over_a_link_what_is_near_and_lacking_comes_first() {
+        let (scene, mut sent) = (Scene::default(), HashMap::new());
+        let put = |x: i32, text: &str| scene.put([(Thing::Tile([x, 0, 0]), text.as_bytes().to_vec())]);
+        (0..8).for_each(|x| put(x, "new"));
+        scene.focus([5, 0, 0]);
+        let mut next = |scene: &Scene| {
+            let (place, number, _) = scene.most_important(&sent)?;
+            sent.insert(place, number);
+            Some(place[0])
+        };
+        assert_eq!([(); 3].map(|()| next(&scene)), [Some(5), Some(4), Some(6)]);
+        // The nearest has changed again: it comes after those that lack and are up to four tiles farther.
+        put(5, "newer");
+        assert_eq!([(); 6].map(|()| next(&scene)), [3, 7, 2, 1, 5, 0].map(Some));
+        assert_eq!(next(&scene), None);
     }
 
     #[test]

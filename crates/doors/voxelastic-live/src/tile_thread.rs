@@ -1,6 +1,6 @@
 //! The thread that makes tiles of the surface, beside the mapper.
 
-use crate::worker::Worker;
+use crate::worker::{Priority, Worker};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use voxelastic::meshing::{TileKey, TileMaker, TileWork};
@@ -34,7 +34,7 @@ impl<T: Send + 'static> TileThread<T> {
     /// Starts it, with `threads` threads of low priority.
     pub fn start(options: MeshOptions, threads: usize) -> Self {
         let mut maker = TileMaker::new(options);
-        Self(Worker::start("surface", threads, move |order| Delivery::of(&mut maker, &order)))
+        Self(Worker::start("surface", threads, Priority::Low, move |order| Delivery::of(&mut maker, &order)))
     }
 
     /// Whether tiles are being made.

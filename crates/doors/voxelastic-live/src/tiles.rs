@@ -85,10 +85,11 @@ impl<T: Send + 'static> ChangedTiles<T> {
         self.changes.note(atlas);
     }
 
-    /// A scan came from a position in the map frame, metres: what is near is made first.
-    pub fn focus(&mut self, position: [f32; 3]) {
+    /// A scan came from a position in the map frame, metres: what is near is made first. The tile that it is in.
+    pub fn focus(&mut self, position: [f32; 3]) -> Option<[i32; 3]> {
         self.focus = self.changes.tile_at(position).map(|tile| self.changes.place(tile));
         self.has_new_scan = true;
+        self.focus
     }
 
     /// Takes the tiles that were made since the last call, and orders others that changed: after a scan some around the robot, then those that viewers do not have yet, then

@@ -10,6 +10,7 @@
 //! It serves what is in a [`Scene`], to those whom `HttpServer` lets in. Without a token it changes nothing.
 
 use crate::http::{HttpServer, Place};
+use crate::link::{Link, Urgency};
 use crate::page;
 use crate::ros::services::{Request, RequestSender, Response as Answered};
 use crate::scene::{Have, Scene, Thing};
@@ -26,13 +27,17 @@ use std::hash::{BuildHasher, RandomState};
 use std::io;
 use std::net::SocketAddr;
 use std::sync::Arc;
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use tokio::sync::Semaphore;
 
 /// Most viewers at a time.
 const VIEWERS: usize = 32;
 /// Bytes of tiles after which figures and poses are sent again.
 const BATCH: usize = 256 << 10;
+/// How often it is looked, over a link, whether there is something to send.
+const SHORTEST_PAUSE: Duration = Duration::from_millis(50);
+/// Over a link, figures and poses are sent so often, and the last scan.
+const OVER_LINK: [Duration; 2] = [Duration::from_secs(1), Duration::from_secs(2)];
 /// A viewer that takes nothing for this long is given up.
 const STALL: Duration = Duration::from_secs(30);
 /// Shorter tokens could be guessed.
@@ -163,7 +168,10 @@ async fn socket(
     let upgrade = upgrade.max_message_size(LARGEST_REQUEST).max_frame_size(LARGEST_REQUEST);
     upgrade.on_upgrade(move |socket| async move {
         // An error is a viewer that has gone.
-        let _ = show(socket, &site, have, resumed).await;
+        let _ = match site.scene.link() {
+            None => show(socket, &site, have, resumed).await,
+            Some(link) => show_over(link, socket, &site).await,
+        };
         drop((permit, place));
     })
 }
@@ -191,6 +199,48 @@ async fn show(mut socket: WebSocket, site: &Site, mut have: Have, resumed: bool)
                     Some(Ok(_)) => {}
                 },
             }
+        }
+    }
+}
+
+/// Sends a viewer what it does not have over a link: now and then the latest of what is small, and between tiles by their importance, as the link is free for them.
+async fn show_over(link: &Link, mut socket: WebSocket, site: &Site) -> Result<(), axum::Error> {
+    let (mut others, mut sent) = (0, HashMap::new());
+    let [mut next, mut next_scan] = [Instant::now(); 2];
+    let hello = wire::hello(site.session, false, site.scene.news(Have { tiles: 0, others: u64::MAX }, usize::MAX).have.tiles);
+    link.send(hello.len(), 1);
+    send(&mut socket, Message::Binary(hello.into())).await?;
+    loop {
+        let now = Instant::now();
+        if next <= now {
+            next = now + OVER_LINK[0];
+            let news = site.scene.news(Have { tiles: u64::MAX, others }, 0);
+            others = news.have.others;
+            for (_, message) in news.messages {
+                if wire::is_scan(&message) {
+                    if next_scan > now {
+                        continue;
+                    }
+                    next_scan = now + OVER_LINK[1];
+                }
+                link.send(message.len(), 1);
+                send(&mut socket, Message::Binary(message)).await?;
+            }
+        }
+        let tile = if link.may_send(Urgency::Later) { site.scene.most_important(&sent) } else { None };
+        if let Some((place, number, message)) = tile {
+            sent.insert(place, number);
+            link.send(message.len(), 1);
+            send(&mut socket, Message::Binary(message)).await?;
+            continue;
+        }
+        let pause = link.wait(Urgency::Later, Instant::now()).clamp(SHORTEST_PAUSE, OVER_LINK[0]);
+        tokio::select! {
+            () = tokio::time::sleep(pause) => {}
+            said = socket.recv() => match said {
+                None | Some(Err(_) | Ok(Message::Close(_))) => return Ok(()),
+                Some(Ok(_)) => {}
+            },
         }
     }
 }
@@ -304,6 +354,24 @@ mod tests {
         }
         while next(&mut one).1 < 1600 {}
         drop(stuck);
+    }
+
+    #[test]
+    fn over_a_link_viewers_get_what_is_near_first_and_no_more_than_it_carries() {
+        let link = Arc::new(Link::new(100_000.0));
+        let scene = Arc::new(Scene::over(Some(Arc::clone(&link))));
+        let viewer = Viewer::start(Arc::clone(&scene), "a map", ([127, 0, 0, 1], 0).into(), Vec::new(), None).unwrap();
+        scene.focus([30, 0, 0]);
+        let tile = |x: i32| [&1u32.to_le_bytes()[..], &[0; 8], &x.to_le_bytes(), &[0; 9_984]].concat();
+        scene.put((0..40).map(|x| (Thing::Tile([x, 0, 0]), tile(x))));
+        let mut one = attached(&viewer, "");
+        next(&mut one);
+        let begin = Instant::now();
+        let places = [(); 20].map(|()| i32::from_le_bytes(next(&mut one).2[..4].try_into().unwrap()));
+        // Twenty of 10 kB: the last is sent once those before it were carried.
+        assert!((1.8..4.0).contains(&begin.elapsed().as_secs_f64()), "{:?}", begin.elapsed());
+        assert!(places.iter().enumerate().all(|(k, x)| (x - 30).unsigned_abs() as usize <= k.div_ceil(2) + 1), "{places:?}");
+        assert!((200_000..230_000).contains(&link.sent()), "{}", link.sent());
     }
 
     #[test]

@@ -31,6 +31,14 @@ pub const NO_SUBMAP: SubmapId = SubmapId::MAX;
 /// Bytes of kind and number, before the content of a message.
 pub const HEAD: usize = 12;
 
+/// The kind of a scan.
+const SCAN: u32 = 5;
+
+/// Whether a message is a scan.
+pub fn is_scan(message: &[u8]) -> bool {
+    message.starts_with(&SCAN.to_le_bytes())
+}
+
 /// Sets the number of a message; what is too short to be one stays as it is.
 pub fn set_number(message: &mut [u8], number: u64) {
     if let Some(bytes) = message.get_mut(4..HEAD) {
@@ -108,7 +116,7 @@ pub fn loops(pairs: &[[Place; 2]]) -> Vec<u8> {
 
 /// The last scan, taken at `pose` in the frame of a submap.
 pub fn scan(scans: u32, time: f64, submap: SubmapId, pose: &Pose, points: &[[f32; 3]]) -> Vec<u8> {
-    let message = Message::new(5).u32(scans).f64(time).u32(submap).f32s(&numbers(pose).map(|c| c as f32)).u32(points.len() as u32);
+    let message = Message::new(SCAN).u32(scans).f64(time).u32(submap).f32s(&numbers(pose).map(|c| c as f32)).u32(points.len() as u32);
     message.f32s(points.as_flattened()).0
 }
 

@@ -3,7 +3,16 @@
 use std::fmt;
 use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
 
-/// A thread that makes what is ordered, with helpers of its own, all of low priority. It ends with its owner.
+/// How much of a core that it shares with a scan a worker gets.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Priority {
+    /// As much as the scan.
+    Usual,
+    /// About a tenth of the time, so that there is something to see even if scans come as fast as they can be mapped.
+    Low,
+}
+
+/// A thread that makes what is ordered, with helpers of its own. It ends with its owner.
 pub(crate) struct Worker<Order, Made> {
     orders: Sender<Order>,
     made: Receiver<Made>,
@@ -12,10 +21,17 @@ pub(crate) struct Worker<Order, Made> {
 
 impl<Order: Send + 'static, Made: Send + 'static> Worker<Order, Made> {
     /// Starts it with `threads` threads, all called `name`: what it makes is said not to be shown if it does not start.
-    pub fn start(name: &'static str, threads: usize, mut make: impl FnMut(Order) -> Made + Send + 'static) -> Self {
+    pub fn start(name: &'static str, threads: usize, priority: Priority, mut make: impl FnMut(Order) -> Made + Send + 'static) -> Self {
         let (orders, to_make) = channel::<Order>();
         let (sender, made) = channel();
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).thread_name(|_| name.to_owned()).start_handler(|_| lower_priority()).build();
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).thread_name(|_| name.to_owned());
+        let pool = pool
+            .start_handler(move |_| {
+                if priority == Priority::Low {
+                    lower_priority()
+                }
+            })
+            .build();
         let work = move || {
             while let Ok(order) = to_make.recv() {
                 let made = match &pool {
@@ -62,8 +78,7 @@ impl<Order, Made> fmt::Debug for Worker<Order, Made> {
     }
 }
 
-/// Gives the calling thread a low priority: on a core that it shares with a scan it gets about a tenth of the time, so that there is something to see even if scans come as fast
-/// as they can be mapped. If the system refuses, the priority stays as it is.
+/// Gives the calling thread a [low priority](Priority::Low). If the system refuses, the priority stays as it is.
 pub(crate) fn lower_priority() {
     #[cfg(target_os = "linux")]
     let _ = rustix::process::nice(10);

@@ -14,10 +14,12 @@ use exploring::ExploringArgs;
 use network::NetworkArgs;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use summary::Summary;
 use voxelastic::memory::MemorySize;
 use voxelastic::settings::Settings;
 use voxelastic_io::OpenOptions;
+use voxelastic_live::link::Link;
 use voxelastic_live::node::{KeptIn, ScansFrom, Setup, ViewerSetup, play};
 use voxelastic_live::ouster::OusterAddress;
 use voxelastic_live::replay::Rate;
@@ -81,6 +83,10 @@ pub struct LiveArgs {
     token: Option<PathBuf>,
     #[command(flatten)]
     detail: DetailArgs,
+    /// What is published and shown goes over a link that carries so many bytes a second, such as a radio: together --ros2, --foxglove and --view send no more. What is large (surface, OctoMap,
+    /// slices and moving points as topics) is not published then; --view has the surface in a tenth of the bytes, what is near the robot first
+    #[arg(long, value_name = "BYTES", value_parser = link_rate)]
+    link_rate: Option<MemorySize>,
     /// The map to write, a directory [default: the name of DATA with .vox, in the current directory]
     #[arg(short, long, value_name = "MAP.vox")]
     output: Option<PathBuf>,
@@ -113,6 +119,14 @@ pub struct LiveArgs {
     settings: SettingFlags,
 }
 
+/// Slower links would have nothing left beside transforms and figures.
+const SLOWEST_LINK: u64 = 10_000;
+
+fn link_rate(text: &str) -> Result<MemorySize, String> {
+    let rate = text.parse::<MemorySize>().map_err(|problem| problem.to_string())?;
+    if rate.0 < SLOWEST_LINK { Err("must be 10kB (a second) or more".to_owned()) } else { Ok(rate) }
+}
+
 /// Runs the command.
 pub fn run(args: &LiveArgs, quiet: bool) -> anyhow::Result<u8> {
     if args.from.is_none() && args.corrections.rebuilds() {
@@ -123,6 +137,7 @@ pub fn run(args: &LiveArgs, quiet: bool) -> anyhow::Result<u8> {
     let voxel_size = settings.voxel_size;
     let planner = args.exploring.prepare(&mut settings, args.network.publishes())?;
     let corrections = args.corrections.corrections();
+    let link = args.link_rate.map(|rate| Arc::new(Link::new(rate.0 as f64)));
     let setup = Setup {
         name: args.name().to_owned(),
         reading: args.reading(corrections)?,
@@ -132,6 +147,7 @@ pub fn run(args: &LiveArgs, quiet: bool) -> anyhow::Result<u8> {
             address,
             origins: args.network.origins(),
             detail: args.detail.view_detail,
+            link: link.clone(),
             token: args.token.clone(),
         }),
         kept: Some(KeptIn {
@@ -140,7 +156,7 @@ pub fn run(args: &LiveArgs, quiet: bool) -> anyhow::Result<u8> {
             resume: args.resume.resume(),
             checkpoints: args.resume.checkpoints,
         }),
-        network: Some(args.network.setup(voxel_size)?),
+        network: Some(args.network.setup(voxel_size, link)?),
         keep_scans: args.keep_scans.0,
         planner,
         is_stopped: interrupt::requested,
@@ -156,7 +172,7 @@ pub fn watch(data: &Path, rate: Option<Rate>, address: SocketAddr, detail: Detai
         reading: reading(data, &ReadingArgs::default(), corrections),
         settings: Settings::default(),
         corrections,
-        viewer: Some(ViewerSetup { address, origins: Vec::new(), detail: detail.view_detail, token: None }),
+        viewer: Some(ViewerSetup { address, origins: Vec::new(), detail: detail.view_detail, link: None, token: None }),
         kept: None,
         network: None,
         keep_scans: 0,

@@ -51,7 +51,7 @@ pub fn run(args: &ViewArgs, quiet: bool) -> anyhow::Result<u8> {
         return Err(Failure::usage(format!("{} is a map, and --rate is for recordings", args.thing.display()), "leave it out").into());
     }
     let pool = threads::pool(0)?;
-    let viewer = ViewerSetup { address: args.address, origins: Vec::new(), detail: args.detail.view_detail, token: None };
+    let viewer = ViewerSetup { address: args.address, origins: Vec::new(), detail: args.detail.view_detail, link: None, token: None };
     let mut watch = Watch::start(&args.thing, &viewer, None)?;
     let map = pool.install(|| map_files::load_surfaces(&args.thing, args.load.into()))?;
     interrupt::install("closing the viewer");

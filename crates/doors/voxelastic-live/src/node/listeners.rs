@@ -69,7 +69,7 @@ impl Observer for Listeners {
             Event::Scan(scan) => {
                 self.shown = self.watch.is_some().then(|| ShownScan::of(&scan.cloud, scan.time));
                 if let Some(network) = &mut self.network {
-                    network.offers.outputs.add_scan(scan.node, scan.time);
+                    network.offers.outputs.take_scan(scan, mapping.mapper().settings().min_range);
                     network.exploring.iter_mut().for_each(|exploring| exploring.add_scan(scan, mapping.mapper().settings()));
                 }
             }

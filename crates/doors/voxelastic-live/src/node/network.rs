@@ -1,10 +1,12 @@
 //! The network of ROS 2 that a node joins.
 
+use crate::link::Link;
 use crate::ros::middleware::{Middleware, MiddlewareError, NodeOptions, Parameter};
 use crate::ros::names::Names;
 use crate::ros::output::GridSettings;
 use std::net::SocketAddr;
 use std::path::PathBuf;
+use std::sync::Arc;
 use voxelastic::Settings;
 use voxelastic_run::{Error, Result};
 
@@ -31,6 +33,8 @@ pub struct NetworkSetup {
     pub foxglove: Option<SocketAddr>,
     /// Origins whose pages may read what is served there; without any, Foxglove's own.
     pub origins: Vec<String>,
+    /// What it is published over, where that limits what goes out.
+    pub link: Option<Arc<Link>>,
     /// The MCAP file into which what comes in is recorded.
     pub record: Option<PathBuf>,
 }

@@ -31,7 +31,8 @@ impl Offers {
         if network.is_none() && setup.foxglove.is_none() {
             return Ok(None);
         }
-        let options = OutputOptions { explores, transforms: setup.transforms, grid: setup.grid, ..OutputOptions::default() };
+        let options =
+            OutputOptions { explores, transforms: setup.transforms, grid: setup.grid, link: setup.link.clone(), ..OutputOptions::default() };
         let mut offers = Self { outputs: Outputs::new(options), held: Vec::new() };
         if let Some(network) = network {
             let announced = offers.add_network(network, setup.lifecycle, requests);

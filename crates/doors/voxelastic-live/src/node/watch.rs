@@ -1,5 +1,6 @@
 //! The viewer of a node or of a saved map: what it is told, and where it is.
 
+use crate::link::Link;
 use crate::publisher::Publisher;
 use crate::scene::Scene;
 use crate::viewer::{Control, Viewer};
@@ -25,6 +26,8 @@ pub struct ViewerSetup {
     pub origins: Vec<String>,
     /// Level of detail of the surface: 0 is full resolution.
     pub detail: u8,
+    /// What it is served over, where that limits what goes out.
+    pub link: Option<Arc<Link>>,
     /// A file with the token of those who may control the node over HTTP.
     pub token: Option<PathBuf>,
 }
@@ -78,7 +81,7 @@ impl Watch {
     /// Starts the server, and says where it is and what it shows. `name` is what is mapped.
     pub fn start(name: &Path, setup: &ViewerSetup, control: Option<Control>) -> Result<Self> {
         let address = setup.address;
-        let scene = Arc::new(Scene::default());
+        let scene = Arc::new(Scene::over(setup.link.clone()));
         let title = name.file_name().unwrap_or(name.as_os_str()).to_string_lossy();
         let controlled = if control.is_some() { "who knows the token can save, pause and reset" } else { "nobody can change anything" };
         let viewer = Viewer::start(Arc::clone(&scene), &title, address, setup.origins.clone(), control).map_err(|error| {

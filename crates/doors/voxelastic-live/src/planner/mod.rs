@@ -4,7 +4,6 @@
 //! | --- | --- |
 //! | `copy` | a copy of the occupancy of the map, kept up from what changes |
 //! | `plan` | what it says, and what it may be asked |
-//! | `scans` | returns near the robot, until the planner takes them |
 //! | `settings` | the robot, and where it is to explore |
 //! | `worker` | what the thread does |
 //!
@@ -13,14 +12,13 @@
 
 mod copy;
 mod plan;
-mod scans;
 mod settings;
 mod worker;
 
+use crate::near_scans::NearScans;
 use crate::worker::lower_priority;
 use copy::Copied;
 pub use plan::{Command, Plan, PlanState};
-use scans::NearScans;
 pub use settings::PlannerSettings;
 use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
 use std::time::{Duration, Instant};
@@ -29,6 +27,8 @@ use voxelastic::event::Scan;
 use voxelastic_explore::{ExploreError, Explorer};
 use worker::{Order, Worker};
 
+/// Paths are checked against returns within this distance, metres.
+const NEAR: f32 = 7.0;
 /// The map is copied at most this often ...
 const PERIOD: Duration = Duration::from_millis(200);
 /// ... and that takes no more than this share of the time.
@@ -93,7 +93,7 @@ impl LivePlanner {
             plans,
             is_busy: false,
             copied: Copied::default(),
-            scans: NearScans::default(),
+            scans: NearScans::new(NEAR),
             times: None,
             has_changed: false,
             is_paused: false,

@@ -1,6 +1,6 @@
 //! What a robot that explores is, and where it is to explore.
 
-use super::scans::Beams;
+use crate::near_scans::Beams;
 use voxelastic::query::UnknownAs;
 use voxelastic_explore::{ExploreSettings, SensorView};
 use voxelastic_plan::{Point, Robot, Wheels};

@@ -2,8 +2,8 @@
 
 use super::copy::{MapChanges, MapCopy};
 use super::plan::{Command, Plan, PlanState};
-use super::scans::{Beams, NearScan};
 use super::settings::PlannerSettings;
+use crate::near_scans::{Beams, NearScan};
 use std::time::{Duration, Instant};
 use voxelastic_explore::{ExploreError, Explorer, Purpose};
 use voxelastic_plan::{Point, anchor_path, distance};

@@ -66,6 +66,11 @@ pub trait Sink: Send {
 
     /// How many listen, as far as known.
     fn subscribers(&self) -> usize;
+
+    /// Whether messages travel over a network, and not into a file.
+    fn is_remote(&self) -> bool {
+        true
+    }
 }
 
 /// A node in a network of ROS 2.

@@ -127,4 +127,8 @@ impl Sink for RecordedTopic {
     fn subscribers(&self) -> usize {
         1
     }
+
+    fn is_remote(&self) -> bool {
+        false
+    }
 }

@@ -105,7 +105,7 @@ fn with_loops(setup: Setup) -> Setup {
 
 /// A viewer at `port` with the token in a file.
 fn viewer(port: u16, token: &Path) -> Option<ViewerSetup> {
-    Some(ViewerSetup { address: SocketAddr::from(([127, 0, 0, 1], port)), origins: Vec::new(), detail: 1, token: Some(token.to_owned()) })
+    Some(ViewerSetup { address: SocketAddr::from(([127, 0, 0, 1], port)), origins: Vec::new(), detail: 1, link: None, token: Some(token.to_owned()) })
 }
 
 /// Maps what a robot gives out, as a process of its own would.
@@ -263,6 +263,7 @@ fn foxglove() -> NetworkSetup {
         use_sim_time: false,
         foxglove,
         origins: Vec::new(),
+        link: None,
         record: None,
     }
 }

@@ -5,6 +5,9 @@ use crate::failure::Failure;
 use clap::{Args, ValueEnum};
 use std::net::SocketAddr;
 use std::path::PathBuf;
+use std::sync::Arc;
+use voxelastic_ground::Inflation;
+use voxelastic_live::link::Link;
 use voxelastic_live::node::{Backend, NetworkSetup};
 use voxelastic_live::ros::names::Names;
 use voxelastic_live::ros::output::GridSettings;
@@ -54,6 +57,18 @@ pub struct NetworkArgs {
     grid_resolution: Option<f64>,
     #[command(flatten)]
     robot: BodyArgs,
+    /// Side of the local costmap around the robot, metres [default: 10]
+    #[arg(long, value_name = "M")]
+    costmap_size: Option<f64>,
+    /// Radius of the largest circle around the middle of the robot within its footprint, metres: nearer to an obstacle it touches it [default: 0.3]
+    #[arg(long, value_name = "M")]
+    footprint_radius: Option<f64>,
+    /// Costs reach this far from obstacles, metres, as with Nav2's inflation layer [default: 0.8, or half a metre more than the footprint's radius]
+    #[arg(long, value_name = "M")]
+    inflation_radius: Option<f64>,
+    /// How fast costs fall beyond the footprint's radius, 1/m [default: 3]
+    #[arg(long, value_name = "N")]
+    cost_scaling: Option<f64>,
 }
 
 impl NetworkArgs {
@@ -67,18 +82,26 @@ impl NetworkArgs {
         self.allow_origin.clone()
     }
 
-    /// What the node is to do.
+    /// What the node is to do, over a link if that is limited.
     ///
     /// # Errors
     /// Remaps that contradict each other; a 2-D map that cannot be made of voxels of `voxel_size` metres.
-    pub fn setup(&self, voxel_size: f32) -> Result<NetworkSetup, Failure> {
+    pub fn setup(&self, voxel_size: f32, link: Option<Arc<Link>>) -> Result<NetworkSetup, Failure> {
         let names = Names::parse(&self.node, &self.remap).map_err(|problem| Failure::usage(problem, "see `voxelastic live --help`"))?;
         let backend = self.ros2.map(|travels| match travels {
             Travels::Usual => Backend::Usual,
             Travels::Dds => Backend::Dds,
             Travels::Zenoh => Backend::Zenoh,
         });
-        let grid = GridSettings { resolution: self.grid_resolution, body: self.robot.body() };
+        let usual = GridSettings::default();
+        let radius = self.footprint_radius.unwrap_or(usual.inflation.radius);
+        let inflation = Inflation {
+            radius,
+            reach: self.inflation_radius.unwrap_or(usual.inflation.reach.max(radius + 0.5)),
+            falloff: self.cost_scaling.unwrap_or(usual.inflation.falloff),
+        };
+        let costmap_size = self.costmap_size.unwrap_or(usual.costmap_size);
+        let grid = GridSettings { resolution: self.grid_resolution, body: self.robot.body(), inflation, costmap_size, ..usual };
         grid.check(f64::from(voxel_size)).map_err(|problem| Failure::usage(problem.to_string(), problem.remedy()))?;
         Ok(NetworkSetup {
             grid,
@@ -91,6 +114,7 @@ impl NetworkArgs {
             lifecycle: self.lifecycle,
             foxglove: self.foxglove,
             origins: self.origins(),
+            link,
             record: self.record.clone(),
         })
     }

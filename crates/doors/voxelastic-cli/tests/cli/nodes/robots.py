@@ -20,6 +20,7 @@ from cyclonedds.topic import Topic
 from cyclonedds.util import duration
 
 import dds_types as t
+import lidar
 
 SPACE = "robot1"
 RELIABLE = Policy.Reliability.Reliable(duration(seconds=1))
@@ -159,18 +160,7 @@ turn = lambda yaw: t.Quaternion(0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2))
 place = lambda x, y, z, yaw=0.0: t.Pose(t.Vector(x, y, z), turn(yaw))
 link = lambda s, parent, child, pose: t.TransformStamped(header(s, parent), child, pose)
 
-AZIMUTH = numpy.linspace(-math.pi, math.pi, 360, endpoint=False)
-ELEVATION = numpy.radians(numpy.linspace(-30, 30, 16))
-RAYS = numpy.stack([numpy.outer(numpy.cos(ELEVATION), f(AZIMUTH)) for f in (numpy.cos, numpy.sin)] + [numpy.outer(numpy.sin(ELEVATION), numpy.ones(360))], -1).reshape(-1, 3)
-LOW, HIGH = numpy.array([-4.0, -3.0, -0.6]), numpy.array([8.0, 5.0, 2.4])
-
-
-def scan(x, y, yaw):
-    c, s = math.cos(yaw), math.sin(yaw)
-    rays, at = RAYS @ numpy.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]).T, numpy.array([x, y, 0.4])
-    with numpy.errstate(divide="ignore"):
-        ranges = numpy.where(rays > 0, (HIGH - at) / rays, (LOW - at) / rays).min(1)
-    return (RAYS * ranges[:, None]).astype(numpy.float32)
+RAYS, ROOM = lidar.rays(16, 360), ((-4.0, -3.0, -0.6), (8.0, 5.0, 2.4))
 
 
 class Robot(threading.Thread):
@@ -205,7 +195,7 @@ class Robot(threading.Thread):
                 moving.append(link(now, "map", "odom", place(5.0, 0.0, 0.0)))
             transforms.write(t.TFMessage(moving))
             if k % 5 == 0 and not self.is_silent:
-                data = scan(x, y, yaw).tobytes()
+                data = lidar.scan(RAYS, ROOM, x, y, yaw).tobytes()
                 points.write(t.PointCloud2(header(now, "lidar"), 16, 360, fields, False, 12, 12 * 360, data, True))
                 self.poses.append(t.PoseStamped(header(now, "odom"), place(x, y, 0.0, yaw)))
             k += 1

@@ -1,7 +1,8 @@
 //! A robot of somebody else's, on Cyclone DDS, against the program: names, the mount, states, frames, corrections, rivals, silence.
 
 use crate::voxelastic;
-use std::path::PathBuf;
+use serde_json::{Value, json};
+use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 use voxelastic_testing::{Domain, PATIENCE};
@@ -9,20 +10,16 @@ use voxelastic_testing::{Domain, PATIENCE};
 const INTERFACE: &str =
     "<CycloneDDS><Domain id='any'><General><Interfaces><NetworkInterface name='lo' multicast='true'/></Interfaces></General></Domain></CycloneDDS>";
 
-#[test]
-fn a_robot_on_cyclone_dds_is_mapped_and_told_what_is_wrong() {
-    let Some(python) = voxelastic_testing::python("cyclonedds, numpy") else { return };
-    let (dir, domain) = (tempfile::tempdir().unwrap(), Domain::free());
+/// Runs a script of a robot in FOLDER beside the program until it ends; then what the robot has seen, what the program said, and its exit code. The robot ends the program, or `is_stopped` does.
+fn with_robot(python: String, script: &str, folder: &Path, flags: &str, is_stopped: bool) -> (Value, String, Option<i32>) {
+    let domain = Domain::free();
     let number = domain.number().to_string();
     let nodes = PathBuf::from(env!("CARGO_MANIFEST_DIR"));
     let mut robot = Command::new(python);
-    robot.arg("-B").arg(nodes.join("tests/cli/nodes/robots.py")).args([number.as_str()]).arg(dir.path()).stdin(Stdio::null());
+    robot.arg("-B").arg(nodes.join("tests/cli/nodes").join(script)).args([number.as_str()]).arg(folder).stdin(Stdio::null());
     robot.env("PYTHONPATH", nodes.join("../voxelastic-live/tests/ros2")).env("CYCLONEDDS_URI", INTERFACE);
     let mut robot = robot.spawn().unwrap();
-    // As users of ROS 2 type it; transforms are found in the namespace.
-    let flags = "live --ros2 --local --lifecycle --field both --every 0.3m --voxel-size 0.1 --max-range 20 --correction-topic corrected -o map.vox \
-        --ros-args -r __ns:=/robot1 -r __node:=mapper -r grid:=/map -p threads:=2 --log-level info";
-    let mut node = voxelastic(dir.path());
+    let mut node = voxelastic(folder);
     node.args(flags.split_whitespace()).args(["--domain", &number]).env("RMW_IMPLEMENTATION", "rmw_cyclonedds_cpp").stderr(Stdio::piped());
     let node = node.spawn().unwrap();
     let begin = Instant::now();
@@ -30,22 +27,61 @@ fn a_robot_on_cyclone_dds_is_mapped_and_told_what_is_wrong() {
         assert!(begin.elapsed() < PATIENCE, "the robot has not got what it waits for");
         std::thread::sleep(Duration::from_millis(50));
     }
-    // The robot has shut it down, by its states.
+    if is_stopped {
+        let id = rustix::process::Pid::from_child(&node);
+        rustix::process::kill_process(id, rustix::process::Signal::INT).unwrap();
+    }
     let output = node.wait_with_output().unwrap();
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(0), "{said}");
-    let text = std::fs::read_to_string(dir.path().join("seen.json")).unwrap_or_default();
-    let seen: serde_json::Value = serde_json::from_str(&text).unwrap_or_else(|_| panic!("{text}: {said}"));
-    assert_eq!(seen["states"], serde_json::json!([[1, "unconfigured"], true, true, false, [3, "active"], true]), "{seen}");
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    let text = std::fs::read_to_string(folder.join("seen.json")).unwrap_or_default();
+    (serde_json::from_str(&text).unwrap_or_else(|_| panic!("{text}: {said}")), said, output.status.code())
+}
+
+/// The costmaps that a robot would steer by, against what its lidar sees and an independent inflation of the obstacles in them.
+#[test]
+fn costmaps_show_what_comes_into_a_robots_way() {
+    let Some(python) = voxelastic_testing::python("cyclonedds, numpy") else { return };
+    let dir = tempfile::tempdir().unwrap();
+    let flags = "live --ros2 --local --field both --every scan --voxel-size 0.1 --max-range 20 --node mapper --threads 2 --no-imu -o map.vox \
+        --costmap-size 5 --footprint-radius 0.25 --inflation-radius 0.7 --cost-scaling 3";
+    let (seen, said, code) = with_robot(python, "costmaps.py", dir.path(), flags, true);
+    println!("{seen}");
+    assert_eq!(code, Some(0), "{said}");
+    assert_eq!((&seen["frame"], &seen["size"]), (&json!("map"), &json!([50, 50])), "{seen}");
+    // The middle of the window is the robot's base, to the nearest cell.
+    assert!(seen["off_centre_m"].as_f64().is_some_and(|off| off < 0.12), "{seen}");
+    for key in ["wrong_costs", "false_obstacles", "unknown_under"] {
+        assert_eq!(seen[key], 0, "{key}: {seen}");
+    }
+    // Ten times a second on a machine that has time; somebody who comes is there with the next scan, and gone once the scans have looked through there.
+    let number = |key: &str| seen[key].as_f64().unwrap_or(f64::NAN);
+    assert!(number("noticed_s") < 2.0 && number("gone_s") < 4.0, "{seen}");
+    // Only what the floor itself takes costs more: at the edges of what was seen of it.
+    assert!(number("too_high") < 0.1, "{seen}");
+    assert!(seen["gap_ms"][0].as_f64().is_some_and(|gap| gap < 250.0), "{seen}");
+    assert_eq!(seen["same_obstacles"], true, "{seen}");
+}
+
+#[test]
+fn a_robot_on_cyclone_dds_is_mapped_and_told_what_is_wrong() {
+    let Some(python) = voxelastic_testing::python("cyclonedds, numpy") else { return };
+    let dir = tempfile::tempdir().unwrap();
+    // As users of ROS 2 type it; transforms are found in the namespace.
+    let flags = "live --ros2 --local --lifecycle --field both --every 0.3m --voxel-size 0.1 --max-range 20 --correction-topic corrected -o map.vox \
+        --ros-args -r __ns:=/robot1 -r __node:=mapper -r grid:=/map -p threads:=2 --log-level info";
+    // The robot shuts it down, by its states.
+    let (seen, said, code) = with_robot(python, "robots.py", dir.path(), flags, false);
+    assert_eq!(code, Some(0), "{said}");
+    assert_eq!(seen["states"], json!([[1, "unconfigured"], true, true, false, [3, "active"], true]), "{seen}");
     // Without the mount nothing is mapped, and it is said why; nothing is mapped as if the lidar were the robot.
     let words = |key: &str| seen[key].as_str().unwrap_or_default().to_owned();
     assert!(words("without_mount").contains("no fixed transform leads from base_link to lidar"), "{seen}");
-    assert_eq!((&seen["scans_without_mount"], &seen["grid_frame"]), (&serde_json::json!("0"), &serde_json::json!("map")), "{seen}");
+    assert_eq!((&seen["scans_without_mount"], &seen["grid_frame"]), (&json!("0"), &json!("map")), "{seen}");
     assert!(seen["first_lidar"][2].as_f64().is_some_and(|z| (z - 0.4).abs() < 1e-6), "{seen}");
     // A plan from where the robot is, in its own frame; none from a frame that is not there.
     let plan = &seen["plan"];
     assert!(plan["frame"] == "map" && plan["off_m"].as_f64().is_some_and(|off| off < 0.5), "{seen}");
-    assert_eq!((&seen["plan_from_nonsense"], &seen["get_map"]), (&serde_json::json!(0), &serde_json::json!(["map", true, true])), "{seen}");
+    assert_eq!((&seen["plan_from_nonsense"], &seen["get_map"]), (&json!(0), &json!(["map", true, true])), "{seen}");
     assert!(said.contains("the frame nonsense is not connected with the map; the frames are: base_link, imu_link, lidar, map, odom"), "{said}");
     // Old walls go within a second on a machine that has time (2 s is what is promised), in some seconds beside other tests.
     let old = &seen["old_walls"];

@@ -1,12 +1,12 @@
 //! The 2-D map of the storey that the robot is on, and what has changed in it.
 
-use crate::ros::messages::{Grid, GridPart};
+use crate::ros::messages::{self, GridPart};
 use voxelastic::atlas::Atlas;
 use voxelastic::field::occupancy::State;
 use voxelastic::query::AtlasQuery;
-use voxelastic_ground::{Body, Ground, GroundError, GroundTiles, TilesCopy};
+use voxelastic_ground::{Body, Grid, Ground, GroundError, GroundTiles, Inflation, Storey, TilesCopy};
 
-/// Longest side, cells; beyond it, cells are twice, four times, .. as large.
+/// Longest side by itself, cells.
 const MOST_CELLS: f64 = 4000.0;
 /// It ends at multiples of this many cells, so that its origin seldom moves as it grows. What has changed is told by squares of so many.
 const BLOCK: usize = 128;
@@ -15,20 +15,44 @@ const MOST_PARTS: usize = 16;
 /// Without a floor, obstacles are those in this layer, metres above the sensor.
 const SENSOR_LAYER: [f64; 2] = [-0.2, 0.3];
 
-/// What the 2-D map is made for.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+/// Longest side of the local costmap, metres.
+const LARGEST_COSTMAP: f64 = 60.0;
+
+/// What the 2-D map and the costmaps are made for.
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GridSettings {
     /// Edge of a cell, metres; `None`: the finest voxel of the map.
     pub resolution: Option<f64>,
     /// The robot.
     pub body: Body,
+    /// How costs fall with the distance from obstacles.
+    pub inflation: Inflation,
+    /// Side of the local costmap, metres.
+    pub costmap_size: f64,
+    /// Longest side of the whole map, cells; beyond it, cells are twice, four times, .. as large.
+    pub most_cells: f64,
+}
+
+impl Default for GridSettings {
+    fn default() -> Self {
+        Self { resolution: None, body: Body::default(), inflation: Inflation::default(), costmap_size: 10.0, most_cells: MOST_CELLS }
+    }
 }
 
 impl GridSettings {
     /// As parameters of a node; the edge of a cell is `finest` metres unless it is set.
-    pub fn pairs(&self, finest: f64) -> [(&'static str, f64); 4] {
-        let resolution = self.resolution.unwrap_or_else(|| decimal(finest));
-        [("grid_resolution", resolution), ("body_height", self.body.height), ("step", self.body.step), ("slope", self.body.slope.to_degrees())]
+    pub fn pairs(&self, finest: f64) -> [(&'static str, f64); 8] {
+        let Self { resolution, body, inflation, costmap_size, .. } = *self;
+        [
+            ("grid_resolution", resolution.unwrap_or_else(|| decimal(finest))),
+            ("body_height", body.height),
+            ("step", body.step),
+            ("slope", body.slope.to_degrees()),
+            ("footprint_radius", inflation.radius),
+            ("inflation_radius", inflation.reach),
+            ("cost_scaling", inflation.falloff),
+            ("costmap_size", costmap_size),
+        ]
     }
 
     /// Checks the numbers for a map with finest voxels of `finest` metres.
@@ -37,14 +61,23 @@ impl GridSettings {
     /// [`GroundError::Resolution`]; [`GroundError::Robot`].
     pub fn check(&self, finest: f64) -> Result<(), GroundError> {
         self.body.check()?;
+        self.inflation.check()?;
+        if !(1.0..=LARGEST_COSTMAP).contains(&self.costmap_size) {
+            return Err(GroundError::Robot { what: "size of its costmap", value: self.costmap_size, must: "1 to 60 m" });
+        }
         self.resolution.map_or(Ok(()), |resolution| GroundTiles::new(resolution, finest).map(drop))
     }
 
-    /// Edge of a cell for a map, metres.
+    /// Edge of a cell for a map of any size, metres.
+    pub fn finest_resolution(&self, atlas: &Atlas) -> f64 {
+        self.resolution.unwrap_or_else(|| decimal(f64::from(atlas.voxel_size())))
+    }
+
+    /// Edge of a cell for all of a map, metres.
     pub fn resolution(&self, atlas: &Atlas) -> f64 {
-        let mut resolution = self.resolution.unwrap_or_else(|| decimal(f64::from(atlas.voxel_size())));
+        let mut resolution = self.finest_resolution(atlas);
         let size = AtlasQuery::new(atlas).bounds().size();
-        while f64::from(size[0].max(size[1])) > MOST_CELLS * resolution {
+        while f64::from(size[0].max(size[1])) > self.most_cells * resolution {
             resolution *= 2.0;
         }
         resolution
@@ -81,35 +114,101 @@ impl PlanPart {
     }
 }
 
-impl FloorPlan {
-    /// The 2-D map of the storey below `robot`, where the sensor is in the map frame, metres.
+/// The storey that the robot is on.
+pub struct Surroundings {
+    /// Its 2-D map.
+    pub grid: Grid,
+    /// Its floor; none if there is none yet.
+    storey: Option<Storey>,
+    /// Height of the floor, or of the lowest of what is taken for obstacles without one, map frame, metres.
+    height: f64,
+    /// Edge of the voxels that the floor was found in, metres.
+    voxel: f64,
+}
+
+impl Surroundings {
+    /// The storey below `robot`, where the sensor is in the map frame, metres.
     ///
     /// # Errors
     /// As of [`Ground::of_tiles`], but where there is no floor.
     pub fn of(tiles: TilesCopy, body: &Body, robot: [f64; 3]) -> Result<Self, GroundError> {
-        let (grid, height) = match Ground::of_tiles(tiles.clone(), body) {
+        match Ground::of_tiles(tiles.clone(), body) {
             // As at the beginning: obstacles at the height of the sensor. Nothing is free, as nobody knows what a robot would stand on.
-            Err(GroundError::NoFloor { .. }) => (tiles.obstacles_between(SENSOR_LAYER.map(|z| robot[2] + z))?, robot[2] + SENSOR_LAYER[0]),
+            Err(GroundError::NoFloor { .. }) => {
+                let grid = tiles.obstacles_between(SENSOR_LAYER.map(|z| robot[2] + z))?;
+                Ok(Self { grid, storey: None, height: robot[2] + SENSOR_LAYER[0], voxel: 0.0 })
+            }
             ground => {
                 let ground = ground?;
-                let storey = &ground.storeys()[ground.storey_below(robot).unwrap_or(0)];
-                (ground.grid(storey), storey.height)
+                let storey = ground.storeys()[ground.storey_below(robot).unwrap_or(0)].clone();
+                Ok(Self { grid: ground.grid(&storey), height: storey.height, voxel: ground.columns().voxel(), storey: Some(storey) })
             }
-        };
-        let grid = grid.padded(BLOCK as i32);
+        }
+    }
+
+    /// Marks what a scan has just seen in the robot's way; `returns` in the map frame, metres.
+    pub fn mark(&mut self, body: &Body, returns: &[[f64; 3]]) {
+        match &self.storey {
+            Some(storey) => self.grid.mark(storey, body, self.voxel, returns),
+            None => {
+                let layer = self.height..self.height + SENSOR_LAYER[1] - SENSOR_LAYER[0];
+                for p in returns.iter().filter(|p| layer.contains(&p[2])) {
+                    self.grid.cells.at([p[0], p[1]]).into_iter().for_each(|cell| self.grid.states[cell] = State::Occupied);
+                }
+            }
+        }
+    }
+
+    /// The 2-D map as it is published.
+    pub fn plan(&self) -> FloorPlan {
         let cell = |state: &State| match state {
             State::Free => 0,
             State::Occupied => 100,
             State::Unknown => -1,
         };
-        let [x, y] = grid.cells.origin();
-        let (resolution, width) = (grid.cells.edge, grid.cells.size[0]);
-        Ok(Self { resolution, width, origin: [x, y, height], cells: grid.states.iter().map(cell).collect() })
+        self.plan_of(self.grid.states.iter().map(cell).collect())
+    }
+
+    /// Its costs.
+    pub fn costs(&self, inflation: &Inflation) -> FloorPlan {
+        self.plan_of(self.grid.inflated(inflation))
+    }
+
+    fn plan_of(&self, cells: Vec<i8>) -> FloorPlan {
+        let [x, y] = self.grid.cells.origin();
+        FloorPlan { resolution: self.grid.cells.edge, width: self.grid.cells.size[0], origin: [x, y, self.height], cells }
+    }
+}
+
+impl FloorPlan {
+    /// The 2-D map of the storey below `robot`, where the sensor is in the map frame, metres, and its costs if asked for.
+    ///
+    /// # Errors
+    /// As of [`Surroundings::of`].
+    pub fn of(tiles: TilesCopy, body: &Body, robot: [f64; 3], inflation: Option<&Inflation>) -> Result<(Self, Option<Self>), GroundError> {
+        let mut all = Surroundings::of(tiles, body, robot)?;
+        all.grid = all.grid.padded(BLOCK as i32);
+        Ok((all.plan(), inflation.map(|inflation| all.costs(inflation))))
+    }
+
+    /// Number of cells.
+    pub fn count(&self) -> usize {
+        self.cells.len()
+    }
+
+    /// Without the outermost `margin` cells; what is left has a size along x and y.
+    pub fn without_margin(&self, margin: usize) -> Self {
+        let rows = self.cells.chunks(self.width.max(1));
+        let count = rows.len().saturating_sub(2 * margin);
+        let width = self.width.saturating_sub(2 * margin);
+        let cells = rows.skip(margin).take(count).flat_map(|row| row[margin..][..width].iter().copied()).collect();
+        let [x, y] = [0, 1].map(|k| self.origin[k] + margin as f64 * self.resolution);
+        Self { width, origin: [x, y, self.origin[2]], cells, ..*self }
     }
 
     /// As the content of a message.
-    pub fn as_message(&self) -> Grid<'_> {
-        Grid { resolution: self.resolution, width: self.width, origin: self.origin, cells: &self.cells }
+    pub fn as_message(&self) -> messages::Grid<'_> {
+        messages::Grid { resolution: self.resolution, width: self.width, origin: self.origin, cells: &self.cells }
     }
 
     /// Whether both have the same cells; their heights may differ.

@@ -1,10 +1,10 @@
-//! The 2-D map while the map changes: what changed is looked up between scans, and the floor is followed on a thread of its own.
+//! The 2-D map, and its costs, while the map changes: what changed is looked up between scans, and the floor is followed on a thread of its own.
 
 use super::floor_plan::{FloorPlan, GridSettings, PlanPart};
-use crate::worker::Worker;
+use crate::worker::{Priority, Worker};
 use std::time::{Duration, Instant};
 use voxelastic::atlas::Atlas;
-use voxelastic_ground::{GroundError, GroundTiles, TilesCopy};
+use voxelastic_ground::{GroundError, GroundTiles, Inflation, TilesCopy};
 
 /// It is made at most this often.
 const PERIOD: Duration = Duration::from_secs(1);
@@ -16,9 +16,9 @@ const LONGEST: Duration = Duration::from_secs(2);
 /// So often all of it is published, if it has changed: for those who missed something.
 const WHOLE_PERIOD: Duration = Duration::from_secs(30);
 
-/// What to make a 2-D map of, and where the robot is.
-type Order = (TilesCopy, [f64; 3]);
-type Made = Result<FloorPlan, GroundError>;
+/// What to make a 2-D map of, where the robot is, and by what there are to be costs.
+type Order = (TilesCopy, [f64; 3], Option<Inflation>);
+type Made = Result<(FloorPlan, Option<FloorPlan>), GroundError>;
 
 /// What is to be published.
 #[derive(Debug)]
@@ -29,7 +29,53 @@ pub struct GridNews<'a> {
     pub parts: Option<Vec<PlanPart>>,
 }
 
-/// The 2-D map.
+/// A 2-D map as it was published last, and who listens to it.
+#[derive(Debug, Default)]
+struct Shown {
+    last: Option<FloorPlan>,
+    /// When all of it was published.
+    whole: Option<Instant>,
+    listeners: usize,
+    has_come: bool,
+}
+
+impl Shown {
+    /// Notes how many listen; whether somebody has come and there is nothing for them.
+    fn listen(&mut self, listeners: usize) -> bool {
+        self.has_come = listeners > std::mem::replace(&mut self.listeners, listeners);
+        if listeners == 0 {
+            // Nobody keeps it up.
+            self.last = None;
+        }
+        self.has_come && self.last.is_none()
+    }
+
+    /// What is to be published, of a new map or for somebody who has come.
+    fn news(&mut self, plan: Option<FloorPlan>) -> Option<GridNews<'_>> {
+        if self.listeners == 0 {
+            return None;
+        }
+        let Some(plan) = plan else {
+            let whole = self.last.as_ref().filter(|_| self.has_come)?;
+            self.whole = Some(Instant::now());
+            return Some(GridNews { whole, parts: None });
+        };
+        let before = self.last.replace(plan);
+        let whole = self.last.as_ref()?;
+        let parts = before.and_then(|before| whole.parts_since(&before));
+        let is_same = parts.as_ref().is_some_and(Vec::is_empty);
+        // Where nothing changed, nothing is told.
+        let is_told = self.has_come || !is_same;
+        let is_due = self.has_come || self.whole.is_none_or(|at| at.elapsed() >= WHOLE_PERIOD);
+        let parts = parts.filter(|_| !is_due);
+        if is_told && parts.is_none() {
+            self.whole = Some(Instant::now());
+        }
+        is_told.then_some(GridNews { whole, parts })
+    }
+}
+
+/// The 2-D map, and its costs.
 #[derive(Debug)]
 pub struct LiveGrid {
     settings: GridSettings,
@@ -42,12 +88,10 @@ pub struct LiveGrid {
     last: Option<Instant>,
     /// Follows the floor.
     thread: Option<Worker<Order, Made>>,
-    published: Option<FloorPlan>,
+    plan: Shown,
+    costs: Shown,
     /// One that somebody has asked for, to be published.
     asked: Option<FloorPlan>,
-    /// When all of it was published.
-    whole: Option<Instant>,
-    listeners: usize,
     /// Whether it was said that there is no 2-D map.
     has_warned: bool,
 }
@@ -62,10 +106,9 @@ impl LiveGrid {
             since: None,
             last: None,
             thread: None,
-            published: None,
+            plan: Shown::default(),
+            costs: Shown::default(),
             asked: None,
-            whole: None,
-            listeners: 0,
             has_warned: false,
         }
     }
@@ -80,53 +123,35 @@ impl LiveGrid {
         self.last = None;
     }
 
-    /// Does some of the work that is due, and returns what is to be published. `robot` is where the sensor is in the map frame, metres. To be called in the mapper's threads; where
-    /// nobody listens, nothing is done.
-    pub fn step(&mut self, atlas: &Atlas, listeners: usize, robot: [f64; 3]) -> Option<GridNews<'_>> {
-        let has_come = listeners > std::mem::replace(&mut self.listeners, listeners);
-        if listeners == 0 {
-            return None;
+    /// Does some of the work that is due, and returns what is to be published of the map and of its costs, to each of which so many `listeners` listen. `robot` is where the sensor is in the map
+    /// frame, metres. To be called in the mapper's threads; where nobody listens, nothing is done.
+    pub fn step(&mut self, atlas: &Atlas, listeners: [usize; 2], robot: [f64; 3]) -> [Option<GridNews<'_>>; 2] {
+        self.has_changed |= self.plan.listen(listeners[0]) | self.costs.listen(listeners[1]);
+        if listeners == [0, 0] {
+            return [None, None];
         }
-        self.has_changed |= has_come && self.published.is_none();
         let made = self.thread.as_mut().and_then(Worker::made);
         // What was asked for is newer than what was ordered before.
-        let made = self.asked.take().map(Ok).or(made);
+        let made = self.asked.take().map(|plan| Ok((plan, None))).or(made);
         if made.is_none() {
             let prepared = self.prepare(atlas, robot);
             prepared.unwrap_or_else(|why| self.warn(&why));
         }
         match made.transpose() {
-            Ok(Some(plan)) => self.publish(plan, has_come),
-            Ok(None) if has_come => {
-                self.whole = Some(Instant::now());
-                self.published.as_ref().map(|whole| GridNews { whole, parts: None })
+            Ok(made) => {
+                let (plan, costs) = made.unzip();
+                [self.plan.news(plan), self.costs.news(costs.flatten())]
             }
-            Ok(None) => None,
             Err(why) => {
                 self.warn(&why);
-                None
+                [None, None]
             }
         }
     }
 
     /// Whether there is more to do at once.
     pub fn is_busy(&self) -> bool {
-        self.listeners > 0 && (self.since.is_some() || self.thread.as_ref().is_some_and(Worker::is_busy))
-    }
-
-    fn publish(&mut self, plan: FloorPlan, has_come: bool) -> Option<GridNews<'_>> {
-        let before = self.published.replace(plan);
-        let whole = self.published.as_ref()?;
-        let parts = before.and_then(|before| whole.parts_since(&before));
-        let is_same = parts.as_ref().is_some_and(Vec::is_empty);
-        // Where nothing changed, nothing is told.
-        let is_told = has_come || !is_same;
-        let is_due = has_come || self.whole.is_none_or(|at| at.elapsed() >= WHOLE_PERIOD);
-        let parts = parts.filter(|_| !is_due);
-        if is_told && parts.is_none() {
-            self.whole = Some(Instant::now());
-        }
-        is_told.then_some(GridNews { whole, parts })
+        self.plan.listeners + self.costs.listeners > 0 && (self.since.is_some() || self.thread.as_ref().is_some_and(Worker::is_busy))
     }
 
     /// Looks up what has changed, for no longer than a scan may wait, and orders the next one.
@@ -152,9 +177,10 @@ impl LiveGrid {
         }
         self.has_changed |= tiles.is_stale();
         (self.since, self.last) = (None, Some(Instant::now()));
-        let order = (tiles.copy(atlas), robot);
+        let order = (tiles.copy(atlas), robot, Some(self.settings.inflation).filter(|_| self.costs.listeners > 0));
         let body = self.settings.body;
-        let start = || Worker::start("2-D map", 1, move |(tiles, robot): Order| FloorPlan::of(tiles, &body, robot));
+        let make = move |(tiles, robot, inflation): Order| FloorPlan::of(tiles, &body, robot, inflation.as_ref());
+        let start = || Worker::start("2-D map", 1, Priority::Low, make);
         self.thread.get_or_insert_with(start).order(order);
         Ok(())
     }
@@ -163,11 +189,11 @@ impl LiveGrid {
     ///
     /// # Errors
     /// As [`FloorPlan::of`].
-    pub fn now(&mut self, atlas: &Atlas, robot: [f64; 3]) -> Made {
+    pub fn now(&mut self, atlas: &Atlas, robot: [f64; 3]) -> Result<FloorPlan, GroundError> {
         let body = self.settings.body;
         let resolution = self.settings.resolution(atlas);
         let tiles = up_to_date(&mut self.tiles, resolution, atlas, true, (robot, Duration::MAX))?;
-        let made = FloorPlan::of(tiles.copy(atlas), &body, robot)?;
+        let (made, _) = FloorPlan::of(tiles.copy(atlas), &body, robot, None)?;
         self.asked = Some(made.clone());
         Ok(made)
     }

@@ -8,6 +8,8 @@
 //! | `~/octomap` | `octomap_msgs/Octomap` | free and occupied space, if the map has occupancy |
 //! | `~/grid` | `nav_msgs/OccupancyGrid` | a 2-D map of the storey that the robot is on, for its height and what it climbs: once a second while it changes; for those who also listen to its updates, when its size changes or somebody comes |
 //! | `~/grid_updates` (the name of the grid with `_updates`) | `map_msgs/OccupancyGridUpdate` | rectangles of the 2-D map that contain what has changed in it |
+//! | `~/global_costmap`, `~/global_costmap_updates` | the same | the costs of that map for a robot's footprint |
+//! | `~/local_costmap` | `nav_msgs/OccupancyGrid` | the costs around the robot, of the map and of the last scan: after each scan |
 //! | `~/distance_slice` | `sensor_msgs/PointCloud2` | distances to the nearest surface within 10 m of the robot, at its height |
 //! | `~/path` | `nav_msgs/Path` | poses of the scans, when a scan was added or poses were corrected; of more than 4096 every second, fourth, ... and the last |
 //! | `~/frontier` | `visualization_msgs/MarkerArray` | for a robot that explores: a box at the centre of each cluster of the frontier, as large as that is, and an arrow towards what is unknown, with each plan |
@@ -18,11 +20,13 @@
 //!
 //! Everything is in the frame `map`. What takes work is made only if somebody listens, and when listeners have taken what was made before.
 
+mod costmap;
 mod distances;
 mod exploration;
 mod floor_plan;
 mod grid;
 mod octomap;
+mod options;
 mod path;
 mod sinks;
 mod surface;
@@ -32,25 +36,29 @@ use super::messages::{self, Grid, Header, Health};
 use super::middleware::{Middleware, MiddlewareError, Sink, TopicProfile};
 use super::names::Names;
 use crate::planner::Plan;
+use costmap::LocalCostmap;
 use distances::SliceState;
 use exploration::ShownPlan;
 use floor_plan::FloorPlan;
 pub use floor_plan::GridSettings;
 use grid::LiveGrid;
 use octomap::OctomapState;
+pub use options::OutputOptions;
 use path::PathState;
 use sinks::Sinks;
 use std::time::{Duration, Instant};
 use surface::SurfaceTiles;
 pub use topics::{MAP_FRAME, Output, profiles};
 use voxelastic::atlas::Atlas;
-use voxelastic::event::NodeId;
+use voxelastic::event::{NodeId, Scan};
 use voxelastic::settings::Dynamic;
 use voxelastic::{Mapper, Pose};
 use voxelastic_io::bag::live::LiveFrames;
 
 /// Paths and figures are published at most this often.
 const PERIOD: Duration = Duration::from_secs(1);
+/// Paths over a link of limited rate.
+const PATH_PERIOD_OVER_LINK: Duration = Duration::from_secs(5);
 /// The transform is published at least this often.
 const TRANSFORM_PERIOD: Duration = Duration::from_millis(100);
 
@@ -69,25 +77,6 @@ pub struct OdometryLink {
     pub base: Option<(String, Pose)>,
 }
 
-/// What is published.
-#[derive(Clone, Copy, Debug)]
-pub struct OutputOptions {
-    /// Level of detail of the surface, 0 to 3.
-    pub detail: usize,
-    /// What `~/grid` is made for.
-    pub grid: GridSettings,
-    /// Whether the robot explores: then there are topics about that.
-    pub explores: bool,
-    /// Whether transforms are published.
-    pub transforms: bool,
-}
-
-impl Default for OutputOptions {
-    fn default() -> Self {
-        Self { detail: 1, grid: GridSettings::default(), explores: false, transforms: true }
-    }
-}
-
 /// Publishes what changes in a map, to all networks that were added.
 pub struct Outputs {
     sinks: Sinks,
@@ -95,6 +84,7 @@ pub struct Outputs {
     surface: SurfaceTiles,
     octomap: OctomapState,
     grid: LiveGrid,
+    costmap: LocalCostmap,
     slice: SliceState,
     poses: Vec<Pose>,
     path: PathState,
@@ -119,11 +109,12 @@ impl Outputs {
     /// None yet.
     pub fn new(options: OutputOptions) -> Self {
         Self {
-            sinks: Sinks::default(),
-            options,
+            sinks: Sinks::over(options.link.clone()),
             surface: SurfaceTiles::new(options.detail),
             octomap: OctomapState::default(),
-            grid: LiveGrid::new(options.grid),
+            grid: LiveGrid::new(options.grid()),
+            costmap: LocalCostmap::new(options.grid, options.link.clone()),
+            options,
             slice: SliceState::default(),
             poses: Vec::new(),
             path: PathState::default(),
@@ -170,8 +161,9 @@ impl Outputs {
         names: &Names,
         mut advertise: impl FnMut(&TopicProfile) -> Result<Box<dyn Sink>, MiddlewareError>,
     ) -> Result<(), MiddlewareError> {
-        let explores = self.options.explores;
-        for (output, profile) in profiles(names).into_iter().filter(|(output, _)| explores || !output.is_of_exploration()) {
+        let (explores, is_limited) = (self.options.explores, self.options.link.is_some());
+        let is_offered = |output: Output| (explores || !output.is_of_exploration()) && !(is_limited && output.is_large());
+        for (output, profile) in profiles(names).into_iter().filter(|(output, _)| is_offered(*output)) {
             self.sinks.add(output, advertise(&profile)?);
         }
         Ok(())
@@ -182,11 +174,19 @@ impl Outputs {
         self.sinks.lost
     }
 
-    /// Notes the time stamp of a scan that is going to be in the map.
+    /// Notes the time stamp of a scan that is in the map.
     pub fn add_scan(&mut self, node: NodeId, time: f64) {
         self.path.add(node, time);
         (self.newest, self.has_moving) = (Some(node), true);
         self.sinks.stamp = time;
+    }
+
+    /// Notes a scan that is going to be in the map, with returns farther than `min_range` metres.
+    pub fn take_scan(&mut self, scan: &Scan, min_range: f32) {
+        self.add_scan(scan.node, scan.time);
+        if self.sinks.subscribers(Output::LocalCostmap) > 0 {
+            self.costmap.add_scan(scan, min_range);
+        }
     }
 
     /// After an event: poses are published at once, everything else by [`step`](Self::step).
@@ -220,7 +220,8 @@ impl Outputs {
 
     fn note_path(&mut self, atlas: &Atlas) {
         let header = self.sinks.header();
-        if let Some(message) = self.path.step(atlas, PERIOD).map(|path| messages::path(header, path)) {
+        let period = if self.options.link.is_some() { PATH_PERIOD_OVER_LINK } else { PERIOD };
+        if let Some(message) = self.path.step(atlas, period).map(|path| messages::path(header, path)) {
             self.sinks.publish(Output::Path, |_| message);
         }
     }
@@ -283,7 +284,8 @@ impl Outputs {
         }
         self.surface = SurfaceTiles::new(self.options.detail);
         (self.octomap, self.slice) = (OctomapState::default(), SliceState::default());
-        self.grid = LiveGrid::new(self.options.grid);
+        self.grid = LiveGrid::new(self.options.grid());
+        self.costmap = LocalCostmap::new(self.options.grid, self.options.link.clone());
         (self.poses, self.path, self.link) = (Vec::new(), PathState::default(), None);
         self.sinks.publish(Output::Path, |header| messages::path(header, &[]));
         self.sinks.publish(Output::Frontier, |header| messages::shape_markers(header, "frontier", &[]));
@@ -296,12 +298,12 @@ impl Outputs {
         if self.last_transform.is_some_and(|last| last.elapsed() >= TRANSFORM_PERIOD) {
             self.publish_transform();
         }
-        self.step_surface(atlas) || self.step_grid(atlas) || self.step_octomap(atlas)
+        self.step_costmap(atlas) || self.step_surface(atlas) || self.step_grid(atlas) || self.step_octomap(atlas)
     }
 
-    /// Whether tiles of the surface or the grid are being made: they are published by a [`step`](Self::step) soon.
+    /// Whether tiles of the surface, the grid or the costmap are being made: they are published by a [`step`](Self::step) soon.
     pub fn is_busy(&self) -> bool {
-        self.surface.is_busy() || self.grid.is_busy()
+        self.surface.is_busy() || self.grid.is_busy() || self.costmap.is_busy()
     }
 
     fn step_surface(&mut self, atlas: &Atlas) -> bool {
@@ -327,12 +329,27 @@ impl Outputs {
     }
 
     fn step_grid(&mut self, atlas: &Atlas) -> bool {
-        let (listeners, robot) = (self.sinks.subscribers(Output::Grid), self.robot());
-        if !self.sinks.has_room(&[Output::Grid, Output::GridUpdates]) {
+        let (grid, costmap) = ([Output::Grid, Output::GridUpdates], [Output::GlobalCostmap, Output::GlobalCostmapUpdates]);
+        let (listeners, robot) = ([grid[0], costmap[0]].map(|output| self.sinks.subscribers(output)), self.robot());
+        if !self.sinks.has_room(&grid) || !self.sinks.has_room(&costmap) {
             return false;
         }
-        let Some(news) = self.grid.step(atlas, listeners, robot) else { return false };
-        self.sinks.publish_grid(&news);
+        let news = self.grid.step(atlas, listeners, robot);
+        let mut is_told = false;
+        for (topics, news) in [grid, costmap].into_iter().zip(news) {
+            is_told |= news.is_some();
+            news.iter().for_each(|news| self.sinks.publish_grid(topics, news));
+        }
+        is_told
+    }
+
+    fn step_costmap(&mut self, atlas: &Atlas) -> bool {
+        if self.sinks.subscribers(Output::LocalCostmap) == 0 || !self.sinks.has_room(&[Output::LocalCostmap]) {
+            return false;
+        }
+        let t_lidar_base = self.frames.as_ref().and_then(LiveFrames::base).map_or(Pose::identity(), |(_, t_lidar_base)| t_lidar_base);
+        let Some((costmap, stamp)) = self.costmap.step(atlas, &t_lidar_base) else { return false };
+        self.sinks.publish(Output::LocalCostmap, |header| messages::occupancy_grid(Header { stamp, ..header }, &costmap.as_message()));
         true
     }
 

@@ -1,12 +1,72 @@
 //! What is published while a map is made.
 
 use super::*;
+use crate::link::Link;
+use std::sync::Arc;
 use std::sync::mpsc::{Sender, channel};
 use voxelastic::event::Event;
 use voxelastic::settings::Settings;
 use voxelastic_sim::{PoseSource, SimOptions, Simulation};
 
 struct Collected(Option<Sender<Vec<u8>>>);
+
+/// Counts the bytes that somebody gets.
+struct Counted(String, Sender<(String, Instant, usize)>);
+
+impl Sink for Counted {
+    fn publish(&mut self, message: &[u8]) -> Result<(), MiddlewareError> {
+        self.1.send((self.0.clone(), Instant::now(), message.len())).unwrap();
+        Ok(())
+    }
+
+    fn subscribers(&self) -> usize {
+        1
+    }
+}
+
+/// A robot that drives for six seconds, as fast as it can be mapped, with everything subscribed.
+#[test]
+fn over_a_link_no_more_goes_out_than_it_carries() {
+    let rate = 40_000.0;
+    let link = Arc::new(Link::new(rate));
+    let (sender, counted) = channel();
+    let mut outputs = Outputs::new(OutputOptions { link: Some(Arc::clone(&link)), ..OutputOptions::default() });
+    outputs.add_sinks(&Names::of_node("robot"), |profile| Ok(Box::new(Counted(profile.name.clone(), sender.clone())))).unwrap();
+    let settings = Settings { voxel_size: 0.2, max_range: 20.0, field: voxelastic::settings::FieldKind::Both, ..Settings::default() };
+    let simulation = Simulation::new(SimOptions { columns: Some(256), spacing: 1.0, drift: 0.0, ..SimOptions::of("street") }).unwrap();
+    let mut mapper = Mapper::new(settings).unwrap();
+    let begin = Instant::now();
+    for scan in simulation.scans(PoseSource::Truth).take_while(|_| begin.elapsed() < Duration::from_secs(6)) {
+        outputs.take_scan(&scan, 0.5);
+        mapper.handle(Event::Scan(scan)).unwrap();
+        outputs.note(&mapper, None);
+        let until = Instant::now() + Duration::from_millis(100);
+        while Instant::now() < until {
+            if !outputs.step(mapper.atlas()) {
+                std::thread::sleep(Duration::from_millis(5));
+            }
+        }
+        if outputs.is_time_for_diagnostics() {
+            outputs.diagnostics("robot", (Health::Ok, "mapping".to_owned(), Vec::new()));
+        }
+    }
+    let seconds = begin.elapsed().as_secs_f64();
+    let all: Vec<(String, Instant, usize)> = counted.try_iter().collect();
+    let of = |name: &str| all.iter().filter(|(topic, ..)| topic == name).map(|(.., bytes)| bytes).sum::<usize>();
+    let sent: usize = all.iter().map(|(.., bytes)| bytes).sum();
+    // Two messages may be owed, of those that take the longest: the whole grid and its costs.
+    let largest = all.iter().map(|(.., bytes)| *bytes).max().unwrap();
+    assert!((sent as f64) < rate * (seconds + 0.5) + 2.0 * largest as f64, "{sent} bytes in {seconds} s");
+    assert!(largest as f64 <= 3.0 * rate, "{largest}");
+    assert_eq!(link.sent(), sent as u64);
+    for name in ["/robot/grid", "/robot/global_costmap", "/robot/local_costmap", "/robot/path", "/robot/submaps", "/diagnostics"] {
+        assert!(of(name) > 0, "nothing of {name}");
+    }
+    assert!(of("/robot/local_costmap") as f64 <= 0.25 * rate * (seconds + 2.0), "{}", of("/robot/local_costmap"));
+    for name in ["surface", "surface_points", "octomap", "moving_points", "distance_slice"] {
+        assert_eq!(of(&format!("/robot/{name}")), 0, "{name}");
+    }
+}
 
 impl Sink for Collected {
     fn publish(&mut self, message: &[u8]) -> Result<(), MiddlewareError> {

@@ -1,5 +1,6 @@
 //! Names, types and delivery of the topics that are published.
 
+use crate::link::Urgency;
 use crate::ros::middleware::{Delivery, TopicProfile};
 use crate::ros::names::Names;
 
@@ -21,6 +22,12 @@ pub enum Output {
     Grid,
     /// What has changed in it.
     GridUpdates,
+    /// The costs of that map.
+    GlobalCostmap,
+    /// What has changed in them.
+    GlobalCostmapUpdates,
+    /// The costs around the robot.
+    LocalCostmap,
     /// Distances to the nearest surface, around the robot.
     DistanceSlice,
     /// Poses of the scans.
@@ -44,14 +51,28 @@ impl Output {
     pub fn is_of_exploration(self) -> bool {
         matches!(self, Self::Frontier | Self::ExplorePath | Self::ExploreGoal)
     }
+
+    /// Whether a link of limited rate could not carry it: the page of the viewer has the same in a tenth of the bytes.
+    pub fn is_large(self) -> bool {
+        matches!(self, Self::Surface | Self::SurfacePoints | Self::MovingPoints | Self::Octomap | Self::DistanceSlice)
+    }
+
+    /// How urgent it is where a link limits what goes out.
+    pub fn urgency(self) -> Urgency {
+        match self {
+            Self::Transforms | Self::Diagnostics | Self::Submaps => Urgency::AtOnce,
+            output if output.is_large() => Urgency::Later,
+            _ => Urgency::Soon,
+        }
+    }
 }
 
 /// The topics of a node.
 pub fn profiles(names: &Names) -> Vec<(Output, TopicProfile)> {
     use Delivery::{Latched, Periodic, Reliable};
     use Output::{
-        Diagnostics, DistanceSlice, ExploreGoal, ExplorePath, Frontier, Grid, GridUpdates, MovingPoints, Octomap, Path, Submaps, Surface,
-        SurfacePoints, Transforms,
+        Diagnostics, DistanceSlice, ExploreGoal, ExplorePath, Frontier, GlobalCostmap, GlobalCostmapUpdates, Grid, GridUpdates, LocalCostmap,
+        MovingPoints, Octomap, Path, Submaps, Surface, SurfacePoints, Transforms,
     };
     let own = |name: &str| names.resolve(&format!("~/{name}"));
     // What is sent in parts is sent again to those who come, so it need not be kept: a reader of parts that are kept would show what is gone.
@@ -62,6 +83,9 @@ pub fn profiles(names: &Names) -> Vec<(Output, TopicProfile)> {
         (Octomap, own("octomap"), "octomap_msgs/msg/Octomap", Latched, 1),
         (Grid, own("grid"), "nav_msgs/msg/OccupancyGrid", Latched, 1),
         (GridUpdates, own("grid") + "_updates", "map_msgs/msg/OccupancyGridUpdate", Reliable, 50),
+        (GlobalCostmap, own("global_costmap"), "nav_msgs/msg/OccupancyGrid", Latched, 1),
+        (GlobalCostmapUpdates, own("global_costmap") + "_updates", "map_msgs/msg/OccupancyGridUpdate", Reliable, 50),
+        (LocalCostmap, own("local_costmap"), "nav_msgs/msg/OccupancyGrid", Latched, 1),
         (DistanceSlice, own("distance_slice"), "sensor_msgs/msg/PointCloud2", Latched, 1),
         (Path, own("path"), "nav_msgs/msg/Path", Latched, 1),
         (Frontier, own("frontier"), "visualization_msgs/msg/MarkerArray", Latched, 1),
