@@ -126,7 +126,9 @@ impl LocalCostmap {
 
     /// Says once why there is none.
     fn warn(&mut self, why: &GroundError) {
-        if !std::mem::replace(&mut self.has_warned, true) {
+        let is_first = !std::mem::replace(&mut self.has_warned, true);
+        // Without occupancy there is no grid either, and that says so.
+        if is_first && *why != GroundError::NoOccupancy {
             tracing::warn!("no local costmap is published: {why}; {}", why.remedy());
         }
     }
