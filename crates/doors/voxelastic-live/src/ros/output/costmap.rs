@@ -30,6 +30,9 @@ struct Order {
     returns: Vec<[f64; 3]>,
 }
 
+/// A costmap, and the time stamp of its scan, seconds.
+type Made = Result<(FloorPlan, f64), GroundError>;
+
 /// The local costmap.
 #[derive(Debug)]
 pub struct LocalCostmap {
@@ -41,7 +44,7 @@ pub struct LocalCostmap {
     scans: NearScans,
     /// The last scan, until a costmap is made of it.
     newest: Option<NearScan>,
-    thread: Option<Worker<Order, Result<(FloorPlan, f64), GroundError>>>,
+    thread: Option<Worker<Order, Made>>,
     /// Time stamp of the scan before, seconds, and how many in a row came long after the one before them.
     last: Option<f64>,
     seldom: usize,
@@ -134,7 +137,7 @@ impl LocalCostmap {
     }
 }
 
-fn make(order: Order, settings: &GridSettings) -> Result<(FloorPlan, f64), GroundError> {
+fn make(order: Order, settings: &GridSettings) -> Made {
     let mut surroundings = Surroundings::of(order.tiles, &settings.body, order.lidar)?;
     let edge = surroundings.grid.cells.edge;
     let side = (settings.costmap_size / edge).round().max(1.0);
