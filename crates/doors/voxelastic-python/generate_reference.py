@@ -25,6 +25,8 @@ ORDER = [
 ]
 FUNCTIONS = ["odometry", "evaluate", "trajectory_errors", "limit_memory"]
 ERRORS = ["Error", "SettingError", "RefusedError", "FileError", "PlanError", "RunWarning"]
+# Modules that are imported by themselves, and what is in them; of a class that others call, its own words are enough.
+PARTS = {"notebook": ["MapView"], "rerun": ["log", "Logger"], "evalio": ["Voxelastic"]}
 ALIASES = ["Points", "Pose", "Event", "Surface", "Progress"]
 
 
@@ -114,11 +116,29 @@ def function_section(node: ast.FunctionDef) -> str:
     return f"## {node.name}\n\n```python\n{signature(node, '')}\n```\n\n{prose(ast.get_docstring(node) or '')}"
 
 
+def part_sections(part: str, names: list[str]) -> list[str]:
+    """A module that is imported by itself."""
+    tree = ast.parse((PACKAGE / f"{part}.py").read_text(encoding="utf-8"))
+    summary, _, example = (ast.get_docstring(tree) or "").partition("\n\n")
+    code = [line[4:] for line in example.split("\n") if line.startswith("    ") or not line]
+    remarks = [line for line in example.split("\n") if line and not line.startswith("    ")]
+    language = "sh" if part == "evalio" else "python"
+    block = "\n".join(code).strip()
+    found = [f"## voxelastic.{part}", summary.strip(), f"```{language}\n{block}\n```", *remarks]
+    for node in (node for name in names for node in tree.body if isinstance(node, (ast.ClassDef, ast.FunctionDef)) and node.name == name):
+        node.name = f"{part}.{node.name}"
+        if isinstance(node, ast.FunctionDef):
+            found.append(function_section(node))
+        else:
+            found.append(section(node) if part != "evalio" else f"## {node.name}\n\n{prose(ast.get_docstring(node) or '')}")
+    return found
+
+
 def text() -> str:
     classes, functions, aliases = definitions()
     errors = "\n".join(f"- `{name}` ({', '.join(ast.unparse(base) for base in classes[name].bases)}): {ast.get_docstring(classes[name])}" for name in ERRORS)
     types = "\n".join(f"- `{name}`: `{aliases[name][0]}`. {aliases[name][1]}" for name in ALIASES)
-    return "\n\n".join([HEAD.strip(), *(section(classes[name]) for name in ORDER), *(function_section(functions[name]) for name in FUNCTIONS), f"## Exceptions\n\n{errors}", f"## Types\n\n{types}"]) + "\n"
+    return "\n\n".join([HEAD.strip(), *(section(classes[name]) for name in ORDER), *(function_section(functions[name]) for name in FUNCTIONS), *(found for part, names in PARTS.items() for found in part_sections(part, names)), f"## Exceptions\n\n{errors}", f"## Types\n\n{types}"]) + "\n"
 
 
 def main() -> None:

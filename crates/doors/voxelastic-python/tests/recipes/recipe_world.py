@@ -8,6 +8,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,8 +18,9 @@ import voxelastic as vx
 Array = NDArray[np.float64]
 
 SWEEP_S = 0.1
-STEPS = 60
-"""Of a beam along the distances: what has not arrived then touches an edge, and has no return."""
+STEPS = 40
+NEAR_M = 3e-4
+"""A beam goes on by the distance to the nearest surface until it is so near; one that is not there after so many steps grazes an edge, and has no return."""
 NOISE_M = 0.005
 GRAVITY = 9.81
 
@@ -87,7 +89,7 @@ class Walk:
         pose[..., :3, :3] = rotations(0.03 * np.sin(7 * way), 0.03 * np.sin(5 * way + 1) - 0.03 * np.sin(1), way + 0.15 * np.sin(3 * way))
         return pose
 
-    def imu(self, times: Array, t_lidar_imu: Array) -> tuple[Array, Array]:
+    def imu(self, times: Array, t_lidar_imu: NDArray[Any]) -> tuple[Array, Array]:
         """Angular velocity and specific force, N x 3 each, along the axes of a unit at this place beside the sensor."""
         step = 1e-3
         before, at, after = (self.poses(times + k * step) @ t_lidar_imu for k in (-1, 0, 1))
@@ -139,13 +141,15 @@ def sweep(poses: Callable[[Array], Array], begin: float, beams: Beams, *, from_o
     directions = np.einsum("nij,nj->ni", at[:, :3, :3], beams.directions)
     origins = at[:, :3, 3] + np.einsum("nij,nj->ni", at[:, :3, :3], np.broadcast_to(beams.origins, beams.directions.shape))
     ranges = np.zeros(len(times))
-    way = np.full(len(times), True)
+    under_way, at_last, ways = np.arange(len(times)), origins, directions
     for _ in range(STEPS):
-        distance = world().distance(origins[way] + ranges[way, None] * directions[way])
-        ranges[way] += distance
-        way[way] = distance > 1e-4
+        distance = world().distance(at_last)
+        ranges[under_way] += distance
+        more = distance > NEAR_M
+        under_way, ways = under_way[more], ways[more]
+        at_last = at_last[more] + distance[more, None] * ways
     ranges += np.random.default_rng(seed).normal(0, NOISE_M, len(ranges))
-    ranges[way] = np.nan
+    ranges[under_way] = np.nan
     return beams.directions * ranges[:, None] + beams.origins
 
 

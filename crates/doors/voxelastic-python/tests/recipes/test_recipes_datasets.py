@@ -60,7 +60,7 @@ def nuscenes_scene(root: Path, tables: dict[str, list[Any]], scene: int, log: st
     """A scene of 20 sweeps a second, each tenth a keyframe. Poses are those of the car in the frame of the city; the sensor's x points to the right, its y ahead."""
     t_car_lidar = rigid([0.943713, 0.0, 0.3], rotations(0, 0, -np.pi / 2))
     beams = spinning(HDL32, 240, forward="y")
-    calibrated, count = token("calibrated", log), 160
+    calibrated, count = token("calibrated", log), 120
     tables["log"].append({"token": token("log", log), "logfile": log, "vehicle": log[:4], "date_captured": "2018-07-24", "location": "singapore-onenorth"})
     tables["calibrated_sensor"].append(
         {
@@ -169,9 +169,9 @@ T_CAMERA_LIDAR = rigid([-0.084, -0.025, 0.05], rotations(0, 0, 2 * np.arctan2(0.
 def newer_college(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The sequence of 2020: clouds of all beams, column by column, with times of points; the ground truth is of the left camera, at the times of the clouds."""
     sequence = tmp_path_factory.mktemp("newer-college") / "01_short_experiment"
-    beams = spinning(OS1_64, 256, by_column=True)
+    beams = spinning(OS1_64, 128, by_column=True)
     lines = ["#sec,nsec,x,y,z,qx,qy,qz,qw"]
-    for k in range(120):
+    for k in range(100):
         nanoseconds = 1_583_836_591_182_590_976 + 100_000_256 * k
         second, rest = divmod(nanoseconds, 10**9)
         time = (nanoseconds - 1_583_836_591_182_590_976) * 1e-9
@@ -204,7 +204,7 @@ def test_newer_college_of_2021(tmp_path: Path) -> None:
     """A bag with organised clouds, and a trajectory beside it."""
     bag, beams = Bag(ros=1), spinning(np.linspace(45, -45, 64), 128)
     lines = ["#sec,nsec,x,y,z,qx,qy,qz,qw"]
-    for k in range(120):
+    for k in range(100):
         second, rest = divmod(1_625_135_858_000_000_000 + 100_000_256 * k, 10**9)
         time = 0.100000256 * k
         points = np.nan_to_num(sweep(WALK.poses, time, beams, seed=k))

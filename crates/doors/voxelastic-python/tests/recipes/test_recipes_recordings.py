@@ -14,7 +14,7 @@ from recipe_world import GRAVITY, SMALL, SWEEP_S, Array, Beams, Walk, intensitie
 
 BEGIN = 1_700_000_000.0
 OUSTER_ROWS, OUSTER_COLUMNS, COLUMNS_OF_PACKET = 32, 512, 16
-SECONDS = 14.0
+SECONDS = 10.0
 WALK = Walk(rest=1.0)
 
 

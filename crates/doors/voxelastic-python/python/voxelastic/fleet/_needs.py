@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import importlib
 from typing import Any
+
+from .. import _needs
 
 __all__ = ["needed"]
 
@@ -14,7 +15,4 @@ def needed(name: str) -> Any:
     Raises:
         ImportError: It is not installed.
     """
-    try:
-        return importlib.import_module(name)
-    except ModuleNotFoundError as error:
-        raise ImportError(f"voxelastic.fleet needs the package {error.name}: pip install 'voxelastic[fleet]'", name=error.name) from None
+    return _needs.needed(name, "fleet")

@@ -1,0 +1,84 @@
+"""What the Rerun logger sends: meshes of submaps in their own frames, poses after corrections, and the fused surface at the end."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from conftest import room_scans
+
+import voxelastic as vx
+
+rr: Any = pytest.importorskip("rerun")
+from voxelastic import rerun as vxr
+
+
+def logged(path: Path) -> dict[str, dict[str, list[tuple[float, Any]]]]:
+    """The values of each component of each entity, with their times."""
+    found: dict[str, dict[str, list[tuple[float, Any]]]] = defaultdict(lambda: defaultdict(list))
+    for chunk in rr.chunk.RrdReader(path).stream().to_chunks():
+        rows = chunk.to_record_batch().to_pydict()
+        times = rows.get("map_time", [])
+        for name, values in rows.items():
+            if ":" in name:
+                for k, value in enumerate(values):
+                    found[chunk.entity_path][name].append((times[k].total_seconds() if times else -1.0, value))
+    return found
+
+
+def test_a_mapper_is_followed(tmp_path: Path) -> None:
+    recording = rr.RecordingStream("test")
+    recording.save(tmp_path / "map.rrd")
+    # A submap for each metre or so.
+    mapper = vx.Mapper(voxel_size=0.1, max_range=20, lambda_odom=0.6, min_overlap=1.0)
+    logger = vxr.Logger(mapper, "room", recording=recording)
+    poses = {}
+    for k, (points, pose) in enumerate(room_scans(8)):
+        poses[k] = pose.copy()
+        mapper.integrate(points, pose, node=k)
+        logger.update(float(k))
+    before = mapper.submaps
+    assert len(before) > 1
+    for pose in poses.values():
+        pose[0, 3] += 0.25
+    mapper.update_poses(poses)
+    mapper.add_loop_edge(0, 7, np.linalg.inv(poses[0]) @ poses[7])
+    changes = logger.update(20.0)
+    assert changes.moved or changes.changed
+    assert logger.update(21.0) == vx.SubmapChanges([], [], [])
+    after = mapper.submaps
+    map = mapper.finish()
+    vxr.log(map, "room", recording=recording)
+    recording.flush()
+    recording.disconnect()
+    entities = logged(tmp_path / "map.rrd")
+
+    for submap in after:
+        sent = entities[f"/room/submaps/{submap.id}"]
+        at, translation = sent["Transform3D:translation"][-1]
+        np.testing.assert_allclose(translation[0], submap.pose[:3, 3], atol=1e-5)
+        if submap.id in changes.moved:
+            assert at == 20.0 and sent["Mesh3D:vertex_positions"][-1][0] < 20.0, "a correction sends a pose, and no mesh"
+    # In the map frame the mesh that was sent is that of the submap.
+    submap = after[0]
+    sent = entities[f"/room/submaps/{submap.id}"]
+    vertices = np.array(sent["Mesh3D:vertex_positions"][-1][1])
+    (turn,) = sent["Transform3D:mat3x3"][-1][1]
+    in_map = vertices @ np.array(turn).reshape(3, 3) + sent["Transform3D:translation"][-1][1][0]
+    walls = np.abs(np.abs(in_map - [0.25, 0, 0]) - [4.0, 3.0, 1.5]).min(axis=1)
+    assert len(vertices) > 500 and np.quantile(walls, 0.95) < 0.03
+    assert len(entities["/room/path"]["LineStrips3D:strips"][-1][1][0]) == 8
+    # The fused surface takes the place of the submaps.
+    assert entities["/room/submaps"]["Clear:is_recursive"][-1][1] == [True]
+    surface = entities["/room/surface"]
+    assert len(surface["Mesh3D:triangle_indices"][-1][1]) == len(map.mesh()) == len(np.array(surface["Mesh3D:triangle_indices"][-1][1]))
+    assert len(surface["Mesh3D:vertex_colors"][-1][1]) == len(surface["Mesh3D:vertex_positions"][-1][1])
+
+
+def test_a_map_without_surfaces_is_refused() -> None:
+    mapper = vx.Mapper(voxel_size=0.1, max_range=20, field="occupancy")
+    with pytest.raises(ValueError, match="no surface"):
+        vxr.log(mapper.finish(), recording=rr.RecordingStream("test"))
