@@ -13,19 +13,20 @@ from conftest import room_scans
 import voxelastic as vx
 
 rr: Any = pytest.importorskip("rerun")
+from rerun import experimental
+
 from voxelastic import rerun as vxr
 
 
 def logged(path: Path) -> dict[str, dict[str, list[tuple[float, Any]]]]:
     """The values of each component of each entity, with their times."""
     found: dict[str, dict[str, list[tuple[float, Any]]]] = defaultdict(lambda: defaultdict(list))
-    for chunk in rr.chunk.RrdReader(path).stream().to_chunks():
-        rows = chunk.to_record_batch().to_pydict()
-        times = rows.get("map_time", [])
-        for name, values in rows.items():
-            if ":" in name:
-                for k, value in enumerate(values):
-                    found[chunk.entity_path][name].append((times[k].total_seconds() if times else -1.0, value))
+    for chunk in experimental.RrdReader(path).stream().to_chunks():
+        batch = chunk.to_record_batch()
+        names = batch.schema.names
+        nanoseconds = batch.column("map_time").to_numpy(zero_copy_only=False).astype(np.int64) if "map_time" in names else np.full(batch.num_rows, -1)
+        for name in (name for name in names if ":" in name):
+            found[chunk.entity_path][name] += zip((nanoseconds / 1e9).tolist(), batch.column(name).to_pylist(), strict=True)
     return found
 
 
