@@ -55,12 +55,13 @@ def log(map: Map, path: str = "map", *, lod: int = 0, min_weight: float = 1.0, r
     _upright(path, recording)
     rr.log(f"{path}/submaps", rr.Clear(recursive=True), recording=recording)
     rr.log(f"{path}/surface", _mesh(mesh, np.eye(4)), recording=recording)
-    _log_path(map, path, recording)
+    poses = map.poses
+    _log_path([poses[node][:3, 3] - map.origin for node in sorted(poses)], path, recording)
 
 
 class Logger:
     """Logs the submaps of a mapper while it maps: each is an entity `PATH/submaps/NUMBER` with a mesh in its own frame and the pose of that. A correction sends poses only;
-    meshes are sent again where voxels have changed. `PATH/path` is the path of the sensor, as it is known at that moment.
+    meshes are sent again where voxels have changed. `PATH/path` is the path of the sensor, placed by the submaps as they are at that moment.
 
     Args:
         mapper: The mapper; it goes on mapping.
@@ -77,6 +78,8 @@ class Logger:
         self._mapper, self._path, self._lod, self._min_weight = mapper, path, lod, min_weight
         self._timeline, self._recording = timeline, recording
         self._before: list[Submap] = []
+        # Where scans were taken, in the frames of the submaps that they went into.
+        self._places: dict[int, dict[int, NDArray[np.float64]]] = {}
         _upright(path, recording)
 
     def update(self, time: float | None = None) -> SubmapChanges:
@@ -92,17 +95,27 @@ class Logger:
         poses = {submap.id: submap.pose for submap in now}
         for number in changes.gone:
             rr.log(f"{self._path}/submaps/{number}", rr.Clear(recursive=True), recording=self._recording)
-        if changes.changed or changes.moved or changes.gone:
-            with self._mapper.snapshot(submaps=changes.changed) as snapshot:
-                for number in changes.changed:
-                    mesh = snapshot.mesh(submap=number, lod=self._lod, min_weight=self._min_weight)
-                    rr.log(f"{self._path}/submaps/{number}", _mesh(mesh, poses[number]), recording=self._recording)
-                for number in [*changes.changed, *changes.moved]:
-                    pose = poses[number]
-                    rr.log(f"{self._path}/submaps/{number}", rr.Transform3D(translation=pose[:3, 3], mat3x3=pose[:3, :3]), recording=self._recording)
-                _log_path(snapshot, self._path, self._recording)
+            self._places.pop(number, None)
+        if changes.changed:
+            self._log_changed([submap for submap in now if submap.id in changes.changed])
+        for number in [*changes.changed, *changes.moved]:
+            pose = poses[number]
+            rr.log(f"{self._path}/submaps/{number}", rr.Transform3D(translation=pose[:3, 3], mat3x3=pose[:3, :3]), recording=self._recording)
+        if changes != SubmapChanges([], [], []):
+            placed = {node: poses[number][:3, :3] @ at + poses[number][:3, 3] for number, places in self._places.items() for node, at in places.items()}
+            _log_path([placed[node] for node in sorted(placed)], self._path, self._recording)
         self._before = now
         return changes
+
+    def _log_changed(self, submaps: list[Submap]) -> None:
+        """Logs the meshes of submaps, and notes where their scans were taken."""
+        with self._mapper.snapshot(submaps=[submap.id for submap in submaps]) as snapshot:
+            scans = snapshot.poses
+            for submap in submaps:
+                mesh = snapshot.mesh(submap=submap.id, lod=self._lod, min_weight=self._min_weight)
+                rr.log(f"{self._path}/submaps/{submap.id}", _mesh(mesh, submap.pose), recording=self._recording)
+                turn, at = submap.pose[:3, :3], submap.pose[:3, 3]
+                self._places[submap.id] = {node: (scans[node][:3, 3] - snapshot.origin - at) @ turn for node in submap.nodes if node in scans}
 
 
 def _upright(path: str, recording: rr.RecordingStream | None) -> None:
@@ -117,7 +130,5 @@ def _mesh(mesh: Mesh, pose: NDArray[np.float64]) -> rr.Mesh3D:
     return rr.Mesh3D(vertex_positions=vertices, triangle_indices=mesh.triangles, vertex_normals=mesh.normals @ turn, vertex_colors=mesh.vertex_colours())
 
 
-def _log_path(map: Map, path: str, recording: rr.RecordingStream | None) -> None:
-    poses = map.poses
-    line = [poses[node][:3, 3] - map.origin for node in sorted(poses)]
+def _log_path(line: list[NDArray[np.float64]], path: str, recording: rr.RecordingStream | None) -> None:
     rr.log(f"{path}/path", rr.LineStrips3D([line] if len(line) > 1 else []), recording=recording)

@@ -143,6 +143,8 @@ def sweep(poses: Callable[[Array], Array], begin: float, beams: Beams, *, from_o
     ranges = np.zeros(len(times))
     under_way, at_last, ways = np.arange(len(times)), origins, directions
     for _ in range(STEPS):
+        if len(under_way) == 0:
+            break
         distance = world().distance(at_last)
         ranges[under_way] += distance
         more = distance > NEAR_M
