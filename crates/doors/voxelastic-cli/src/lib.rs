@@ -22,7 +22,7 @@ use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
 use commands::earth::georeference;
 use commands::measuring::{demo, eval, heldout, simulate};
 use commands::poses::{localize, odometry, optimize};
-use commands::sessions::{changes, merge, refine, remove, repair};
+use commands::sessions::{changes, edit, merge, refine, remove, repair};
 use commands::space::{esdf, explore, plan, slice};
 use commands::{check, config as config_command, export, info, live, map, mesh, render, report, view};
 use std::ffi::OsString;
@@ -42,7 +42,7 @@ Examples:
 /// The commands by headings, those that most people need first.
 const GROUPS: [(&str, &[&str]); 5] = [
     ("Commands", &["map", "live", "view", "mesh", "export", "render", "report", "check", "info", "plan", "refine", "localize", "config", "demo"]),
-    ("Sessions, places on Earth, damaged maps", &["merge", "remove", "changes", "georeference", "repair"]),
+    ("Edits, sessions, places on Earth, damaged maps", &["edit", "merge", "remove", "changes", "georeference", "repair"]),
     ("Free space", &["slice", "esdf", "explore"]),
     ("Poses alone", &["odometry", "optimize"]),
     ("Measuring", &["eval", "heldout", "simulate"]),
@@ -94,6 +94,7 @@ enum Command {
     Esdf(esdf::EsdfArgs),
     Explore(explore::ExploreArgs),
     Changes(changes::ChangesArgs),
+    Edit(edit::EditArgs),
     Georeference(georeference::GeoreferenceArgs),
     Merge(merge::MergeArgs),
     Refine(refine::RefineArgs),
@@ -174,6 +175,7 @@ impl Command {
             Self::Esdf(args) => esdf::run(args),
             Self::Explore(args) => explore::run(args, quiet),
             Self::Changes(args) => changes::run(args),
+            Self::Edit(args) => edit::run(args),
             Self::Georeference(args) => georeference::run(args),
             Self::Merge(args) => merge::run(args),
             Self::Refine(args) => refine::run(args, quiet),

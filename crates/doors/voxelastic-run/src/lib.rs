@@ -4,6 +4,7 @@
 //! ```text
 //! source    a folder or a recording is pulled (`source`), or inputs are pushed: [`Input`]
 //! poses     given, by odometry, or found in a map of before (`poses`); the origin of the map is taken off
+//! edit      edits of a saved map by hand, which can be undone (`editing`)
 //! correct   loop closures and optimisation (`corrections`); sessions are joined to a saved map (`joining`)
 //! map       the mapper with its threads and its log (`mapping`, `log`)
 //! keep      checkpoints, journal, the map on disk (`keep`)
@@ -30,6 +31,7 @@
 //! ```
 
 pub mod corrections;
+pub mod editing;
 pub mod error;
 pub mod export;
 pub mod georeference;

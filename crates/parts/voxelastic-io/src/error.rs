@@ -151,6 +151,12 @@ pub enum Error {
         /// The other process, as far as it is known.
         pid: String,
     },
+    /// The map has edits, which whoever writes it otherwise would lose.
+    #[error("{}: the map has edits, which would be lost; `voxelastic edit` takes them back with `--undo all`, or makes them part of the map with `--keep`", path.display())]
+    Edited {
+        /// The map directory.
+        path: PathBuf,
+    },
     /// A file that the manifest names is not there.
     #[error("{}: missing, but the manifest names it; restore it from a backup, or open the map again if it was being saved meanwhile", path.display())]
     Missing {
@@ -238,6 +244,7 @@ impl Error {
             | Self::NotAMap { path, .. }
             | Self::WouldOverwrite { path, .. }
             | Self::Locked { path, .. }
+            | Self::Edited { path }
             | Self::Missing { path }
             | Self::Damaged { path, .. }
             | Self::OtherVersion { path, .. }
@@ -269,6 +276,7 @@ impl Error {
             Self::NotAMap { .. } => Cow::Borrowed("give the directory of a map"),
             Self::WouldOverwrite { .. } => Cow::Borrowed("choose a new directory"),
             Self::Locked { .. } => Cow::Borrowed("wait for the other process to end, or write to another directory"),
+            Self::Edited { .. } => Cow::Borrowed("`voxelastic edit` takes the edits back with `--undo all`, or makes them part of the map with `--keep`"),
             Self::Missing { .. } => Cow::Borrowed("restore the file from a backup, or open the map again if it was being saved meanwhile"),
             Self::Damaged { .. } => Cow::Borrowed("restore the file from a backup or map the data again"),
             Self::OtherVersion { .. } => Cow::Borrowed("map the data again, to another directory"),

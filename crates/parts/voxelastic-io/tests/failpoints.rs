@@ -8,11 +8,12 @@ mod world;
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use voxelastic::Pose;
 use voxelastic::atlas::{Atlas, Submap};
 use voxelastic_files::failpoint::{self, Failed};
 use voxelastic_io::Result;
-use voxelastic_io::store::{Checkpoints, MapStore, MapWriter, SessionEntry, StoredFrame, repair};
+use voxelastic_io::store::{Checkpoints, MapEditor, MapStore, MapWriter, NewState, SessionEntry, StoredFrame, repair};
 use world::{details, made_up_atlas, made_up_field, same_atlas, same_submap};
 
 /// The atlas after so many steps: each changes a submap and moves another.
@@ -86,6 +87,7 @@ fn whatever_fails_no_map_is_lost() {
     saving(&old, &new);
     checkpoints(&old, &new, &newer);
     sessions(&old);
+    editing(&old);
     reading(&new);
     repairing(&old);
     writing_another_file();
@@ -198,6 +200,125 @@ fn sessions(map: &Atlas) {
             assert!(same_atlas(&map_at(path), &found) && orphans(path).is_empty());
         });
     }
+}
+
+/// The map as so many edits make it: each changes the fields of a submap and moves another.
+fn edited(editor: &MapEditor, edits: u64) -> NewState {
+    let manifest = editor.base().manifest();
+    let mut state = NewState {
+        entries: manifest.submaps.clone(),
+        changed: Vec::new(),
+        details: manifest.details.clone(),
+        sessions: manifest.sessions.clone(),
+        count: edits as usize,
+        list: (0..edits).map(|k| format!("edit {k}\n")).collect(),
+    };
+    for k in 0..edits {
+        state.entries[((k + 1) % 3) as usize].t_map_submap = Pose::translation(k as f64, 7.0, 1.0);
+        if k < 3 {
+            let mut changed = editor.base().load_submap(k as u32).unwrap();
+            *changed.tsdf_mut() = made_up_field(300 + k, 40);
+            state.changed.push(Arc::new(changed));
+        }
+    }
+    state
+}
+
+/// All files of a map, also its lock, by name.
+fn all_files(path: &Path) -> BTreeMap<String, Vec<u8>> {
+    let entries = fs::read_dir(path).unwrap().map(|entry| entry.unwrap());
+    entries.map(|entry| (entry.file_name().into_string().unwrap(), fs::read(entry.path()).unwrap())).collect()
+}
+
+/// Edits of a map are made, taken back, all taken back, and made part of the map.
+fn editing(map: &Atlas) {
+    // Every state, by the number of its edits: all bytes of the folder.
+    let whole = tempfile::tempdir().unwrap();
+    let path = whole.path().join("a.vox");
+    drop(saved(&path, map));
+    let mut states = vec![all_files(&path)];
+    for edits in 1..=4 {
+        let mut editor = MapEditor::open(&path).unwrap();
+        editor.save(edited(&editor, edits)).unwrap();
+        drop(editor);
+        assert!(MapStore::open(&path).unwrap().check().is_empty());
+        states.push(all_files(&path));
+    }
+    assert!(matches!(MapWriter::open(&path), Err(voxelastic_io::Error::Edited { .. })), "nobody else writes it");
+    let with = |edits: u64| {
+        move |path: &Path| {
+            drop(saved(path, map));
+            for count in 1..=edits {
+                let mut editor = MapEditor::open(path).unwrap();
+                editor.save(edited(&editor, count)).unwrap();
+            }
+            path.to_owned()
+        }
+    };
+    let save = |path: &Path, edits: u64| MapEditor::open(path).and_then(|mut editor| editor.save(edited(&editor, edits)).map(drop));
+    for (what, from, to) in [("a first edit", 0, 1), ("a further edit", 1, 2), ("an edit of what was edited", 3, 4), ("an edit taken back", 4, 2)] {
+        let mut seen = [0, 0];
+        each_fails(
+            what,
+            with(from),
+            |path| save(path, to),
+            |path, _, outcome| {
+                let store = MapStore::open(path).unwrap();
+                let count = store.manifest().edits.map_or(0, |mark| mark.count as u64);
+                assert!(store.check().is_empty() && (count == to || count == from && outcome.is_err()), "{what}: {count} edits");
+                assert_eq!(store.edits().unwrap(), (0..count).map(|k| format!("edit {k}\n")).collect::<String>());
+                seen[usize::from(count == to)] += 1;
+                // The next one works, and leaves what it would have left otherwise.
+                save(path, to).unwrap();
+                assert!(all_files(path) == states[to as usize], "{what}: {:?}", all_files(path).keys());
+                MapEditor::restore(path).unwrap();
+                assert!(all_files(path) == states[0], "{what}: {:?}", all_files(path).keys());
+            },
+        );
+        assert!(seen[0] > 10 && seen[1] > 0, "{what}: {seen:?}");
+    }
+    each_fails(
+        "all edits taken back",
+        with(3),
+        |path| MapEditor::restore(path),
+        |path, _, _| {
+            assert!(MapStore::open(path).unwrap().check().is_empty());
+            MapEditor::restore(path).unwrap();
+            // What could not be removed then goes with the next save.
+            drop(saved(path, map));
+            assert!(all_files(path).keys().eq(states[0].keys()), "{:?}", all_files(path).keys());
+        },
+    );
+    let kept = |path: &Path| MapEditor::keep(path);
+    each_fails(
+        "edits that become part of the map",
+        with(3),
+        |path| kept(path),
+        |path, _, _| {
+            kept(path).unwrap();
+            let found = map_at(path);
+            assert!((0..3).all(|id| found.submap(id).unwrap().tsdf().len() == made_up_field(300 + u64::from(id), 40).len()));
+            MapWriter::open(path).unwrap().save(&found, &details("again")).unwrap();
+            assert!(orphans(path).is_empty(), "{:?}", orphans(path));
+        },
+    );
+    // A manifest that is lost is the one of before the edits again.
+    let path = with(2)(&whole.path().join("b.vox"));
+    fs::write(path.join("manifest.json"), "lost").unwrap();
+    assert!(matches!(repair(&path), Err(voxelastic_io::Error::Edited { .. })));
+    MapEditor::restore(&path).unwrap();
+    assert!(all_files(&path) == states[0]);
+    // A list that somebody else has changed is not that of the map.
+    let path = with(2)(&whole.path().join("c.vox"));
+    fs::write(path.join("edits.toml"), "edit 7").unwrap();
+    assert!(matches!(MapEditor::open(&path), Err(voxelastic_io::Error::Content { .. })));
+    MapEditor::keep(&path).unwrap();
+    assert!(MapStore::open(&path).unwrap().manifest().edits.is_none() && !path.join("edits.toml").exists());
+    // And one of somebody else in the folder of a map without edits is not overwritten.
+    fs::write(path.join("edits.toml"), "mine").unwrap();
+    assert!(matches!(MapEditor::open(&path), Err(voxelastic_io::Error::Content { .. })));
+    drop(MapWriter::open(&path).unwrap());
+    assert_eq!(fs::read(path.join("edits.toml")).unwrap(), b"mine");
 }
 
 /// A run that has one checkpoint, and a record since.

@@ -149,6 +149,10 @@ pub struct LoopEdge {
     pub wall_ms: f64,
     /// Fusions of submaps that it requested; they run in the background of the following scans.
     pub fusions: usize,
+    /// What it measured: pose of `to` in the frame of `from`, x y z qx qy qz qw; none in older logs.
+    pub measured: Option<[f64; 7]>,
+    /// Its information, upper triangle row by row (x y z roll pitch yaw); none where it came without.
+    pub information: Option<[f64; 21]>,
 }
 
 /// A correction of poses.
@@ -167,6 +171,8 @@ pub struct Correction {
     pub closed: usize,
     /// Fusions of submaps that it requested; they run in the background of the following scans.
     pub fusions: usize,
+    /// The newest scan that it moved, from whose pose the odometry went on: its node, and its pose in the map frame then, x y z qx qy qz qw.
+    pub newest: Option<(u64, [f64; 7])>,
 }
 
 impl RunLog {

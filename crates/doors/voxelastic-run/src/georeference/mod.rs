@@ -9,6 +9,7 @@ mod request;
 mod solve;
 mod stored;
 
+pub(crate) use nodes::move_submap;
 pub use outcome::{Outcome, Row, Statistics, Use};
 pub use request::{Clock, Request};
 pub use solve::georeference;

@@ -6,6 +6,7 @@ pub use columns::ColumnFile;
 use columns::{Columns, FirstColumns};
 
 use crate::error::one_line;
+use crate::joining::numbers;
 use crate::usage;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
@@ -60,9 +61,9 @@ pub enum EventSummary {
     /// A scan.
     Scan { time: f64, t_map_lidar: Pose },
     /// A loop edge.
-    Loop { from: NodeId, to: NodeId, before: ElasticState },
+    Loop { edge: LoopEdge, before: ElasticState },
     /// Corrected poses.
-    Correction { before: ElasticState },
+    Correction { newest: Option<(NodeId, [f64; 7])>, before: ElasticState },
     /// An event that is not logged.
     Other,
 }
@@ -97,8 +98,20 @@ impl EventSummary {
     pub fn of(event: &Event, mapper: &Mapper) -> Self {
         match event {
             Event::Scan(scan) => Self::Scan { time: scan.time, t_map_lidar: scan.t_map_lidar },
-            Event::LoopEdge(edge) => Self::Loop { from: edge.from, to: edge.to, before: ElasticState::of(mapper) },
-            Event::PoseUpdate(_) => Self::Correction { before: ElasticState::of(mapper) },
+            Event::LoopEdge(edge) => {
+                let measured = LoopEdge {
+                    from: edge.from,
+                    to: edge.to,
+                    measured: Some(numbers(&edge.t_from_to)),
+                    information: edge.information,
+                    ..LoopEdge::default()
+                };
+                Self::Loop { edge: measured, before: ElasticState::of(mapper) }
+            }
+            Event::PoseUpdate(poses) => {
+                let newest = poses.iter().max_by_key(|(node, _)| *node).map(|(node, pose)| (*node, numbers(pose)));
+                Self::Correction { newest, before: ElasticState::of(mapper) }
+            }
             _ => Self::Other,
         }
     }
@@ -143,16 +156,16 @@ impl Recorder {
                 self.phases(report);
                 self.spill();
             }
-            (EventSummary::Loop { from, to, before }, _) => {
+            (EventSummary::Loop { edge, before }, _) => {
                 let fusions = ElasticState::of(mapper).fusions - before.fusions;
-                self.log.loops.push(LoopEdge { from: *from, to: *to, after, wall_ms, fusions });
+                self.log.loops.push(LoopEdge { after, wall_ms, fusions, ..*edge });
             }
-            (EventSummary::Correction { before }, _) => {
+            (EventSummary::Correction { newest, before }, _) => {
                 let now = ElasticState::of(mapper);
                 let optimise_ms = self.optimise.take().map(milliseconds);
                 let (moved, closed) = (now.moves - before.moves, before.open_loops.saturating_sub(now.open_loops));
                 let fusions = now.fusions - before.fusions;
-                self.log.corrections.push(Correction { after, wall_ms, optimise_ms, moved, closed, fusions });
+                self.log.corrections.push(Correction { after, wall_ms, optimise_ms, moved, closed, fusions, newest: *newest });
             }
             (EventSummary::Scan { .. } | EventSummary::Other, _) => {}
         }
@@ -192,7 +205,7 @@ impl Recorder {
         let scans = &mut self.log.scans;
         scans.node.push(report.node);
         scans.time_s.push(time);
-        scans.position.push(<[f64; 3]>::from(t_map_lidar.translation.vector).map(rounded));
+        scans.position.push(<[f64; 3]>::from(t_map_lidar.translation.vector).map(|c| (c * 1e5).round() / 1e5));
         scans.orientation.push(<[f64; 4]>::from(t_map_lidar.rotation.coords).map(|c| (c * 1e7).round() / 1e7));
         scans.submap.push(report.submap);
         scans.submaps.push(atlas.submaps().len() as u32);

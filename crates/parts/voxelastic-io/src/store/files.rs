@@ -17,6 +17,11 @@ pub(super) const LOCK: &str = ".lock";
 /// Name of the file that tells how the map came to be; for people and reports, no part of the map.
 pub(super) const RUN_LOG: &str = "run.json";
 
+/// Name of the list of the edits that the map is shown with.
+pub(super) const EDITS: &str = "edits.toml";
+/// Name of the manifest of before the edits.
+pub(super) const BASE: &str = "base.json";
+
 /// Name of the folder in a map directory that has the map of an unfinished run.
 pub(super) const UNFINISHED: &str = "unfinished";
 
@@ -81,7 +86,7 @@ fn temporary(name: &str) -> String {
 pub(super) fn is_disposable(name: &str) -> bool {
     let whole = name.strip_prefix('.').and_then(|n| n.strip_suffix(".tmp"));
     let bare = whole.unwrap_or(name);
-    SubmapName::parse(bare).is_some() || is_state_name(bare) || is_journal_name(bare) || [Some(MANIFEST), Some(RUN_LOG)].contains(&whole)
+    SubmapName::parse(bare).is_some() || is_state_name(bare) || is_journal_name(bare) || [MANIFEST, RUN_LOG, EDITS, BASE].map(Some).contains(&whole)
 }
 
 /// Writes a file of `name` in `dir` through `fill`: under another name first, made durable, then renamed.

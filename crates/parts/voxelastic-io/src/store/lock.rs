@@ -11,7 +11,14 @@ use voxelastic_files::failpoint;
 /// never stale.
 #[derive(Debug)]
 pub(super) struct Lock {
-    _file: File,
+    file: File,
+}
+
+impl Drop for Lock {
+    fn drop(&mut self) {
+        // Nobody writes any more. So a map that is as it was before is so in every file.
+        let _ = self.file.set_len(0);
+    }
 }
 
 impl Lock {
@@ -47,6 +54,6 @@ impl Lock {
         };
         // A courtesy, which a full disk may refuse.
         let _ = note(&mut file);
-        Ok(Self { _file: file })
+        Ok(Self { file })
     }
 }

@@ -5,6 +5,8 @@
 //!   manifest.json                           what the map is made of; replaced last, atomically
 //!   submap-000000-5d0ef1b2c3a49687.vxs      the fields of submap 0; the name holds a hash of its content
 //!   submap-000001-0a1b2c3d4e5f6071.vxs
+//!   edits.toml                              the edits that the map is shown with; absent without any
+//!   base.json                               the manifest of before the edits
 //!   run.json                                how the run went that made the map; may be absent, and is no part of the map
 //!   .lock                                   held by the one process that writes
 //!   unfinished/                             a map of what a run has mapped that is under way or was killed, and where it is
@@ -21,6 +23,8 @@
 //!
 //! A map can be made of several sessions ([`SessionEntry`]), which are added to it and taken out again without a change to the others.
 //!
+//! A map can be edited: [`MapEditor`] keeps the list of edits and the map of before them beside the map that they make of it.
+//!
 //! [`repair`] makes a map that opens of one that is damaged: from the files that are whole.
 //!
 //! Submap files (module `submap_file`) are sequences of tagged sections, one per field (modules `tsdf_section` and
@@ -29,6 +33,7 @@
 mod additions;
 mod checkpoint;
 mod description;
+mod editor;
 mod files;
 mod journal;
 mod known_file;
@@ -43,8 +48,9 @@ mod writer;
 pub use additions::join::join_manifests;
 pub use additions::sessions::{SessionEntry, StoredEdge, StoredFrame};
 pub use checkpoint::{Checkpoint, Checkpoints};
+pub use editor::{MapEditor, NewState};
 pub use description::details::StoredSettings;
-pub use description::manifest::{Manifest, OccupancySummary, SubmapEntry, TsdfSummary};
+pub use description::manifest::{EditsMark, Manifest, OccupancySummary, SubmapEntry, TsdfSummary};
 pub use description::piece::{MapDetails, ScanEntry};
 pub use reader::MapStore;
 pub use repair::{ManifestState, RepairReport, move_map, repair};

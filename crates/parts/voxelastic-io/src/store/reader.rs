@@ -2,7 +2,7 @@
 
 use super::description::manifest::{Manifest, SubmapEntry};
 use super::description::manifest_text;
-use super::files::{self, MANIFEST, RUN_LOG, UNFINISHED};
+use super::files::{self, BASE, MANIFEST, RUN_LOG, UNFINISHED};
 use super::sections::submap_file;
 use crate::{Error, Result};
 use rayon::prelude::*;
@@ -47,6 +47,21 @@ impl MapStore {
             other => other?,
         };
         Ok(Self { dir: dir.to_owned(), manifest: manifest_text::read(&path, &text)?, is_for_surfaces: false })
+    }
+
+    /// Opens the map of before its edits.
+    pub(super) fn open_base(dir: &Path) -> Result<Self> {
+        let path = dir.join(BASE);
+        let text = files::read(&path, None)?;
+        Ok(Self { dir: dir.to_owned(), manifest: manifest_text::read(&path, &text)?, is_for_surfaces: false })
+    }
+
+    /// Refuses a map with edits, which whoever writes it would lose.
+    pub(super) fn check_unedited(&self) -> Result<()> {
+        match self.manifest.edits {
+            Some(_) => Err(Error::Edited { path: self.dir.clone() }),
+            None => Ok(()),
+        }
     }
 
     /// The same map for those who need its surfaces only: submaps that have a TSDF are loaded without their occupancy, which takes most of the time and memory. Files are

@@ -4,7 +4,7 @@ use super::additions::sessions::SessionEntry;
 use super::description::manifest::{Manifest, SubmapEntry};
 use super::description::manifest_text;
 use super::description::piece::{MapDetails, Piece};
-use super::files::{self, MANIFEST, SubmapName};
+use super::files::{self, BASE, MANIFEST, SubmapName};
 use super::lock::Lock;
 use super::reader::MapStore;
 use super::sections::submap_file::{self, Found};
@@ -50,7 +50,7 @@ pub struct RepairReport {
 /// are damaged leave the map. Damaged files are renamed, not removed. A map without damage is not changed.
 ///
 /// # Errors
-/// [`Error::NotAMap`] when there is no submap file that can be read, or that says where its submap lies, [`Error::OtherVersion`],
+/// [`Error::NotAMap`] when there is no submap file that can be read, or that says where its submap lies, [`Error::OtherVersion`], [`Error::Edited`],
 /// [`Error::Locked`], and [`Error::Io`].
 pub fn repair(path: impl AsRef<Path>) -> Result<RepairReport> {
     let dir = path.as_ref();
@@ -61,7 +61,14 @@ pub fn repair(path: impl AsRef<Path>) -> Result<RepairReport> {
     }
     let _lock = Lock::take(dir)?;
     match MapStore::open(dir) {
-        Ok(store) => drop_damaged(&store),
+        Ok(store) => {
+            store.check_unedited()?;
+            drop_damaged(&store)
+        }
+        // The manifest of before the edits is there.
+        Err(Error::Damaged { .. } | Error::NotAMap { .. }) if dir.join(BASE).exists() && MapStore::open_base(dir).is_ok() => {
+            Err(Error::Edited { path: dir.to_owned() })
+        }
         Err(Error::Damaged { .. } | Error::NotAMap { .. }) => rebuild(dir, &submap_files),
         Err(other) => Err(other),
     }
@@ -124,7 +131,7 @@ fn rebuild(dir: &Path, names: &[&String]) -> Result<RepairReport> {
     let mut submaps: Vec<SubmapEntry> = best.into_values().map(|(_, entry)| entry).collect();
     remove_fused(&mut submaps);
     let sessions = sessions(&submaps, session_of);
-    let manifest = Manifest { details, sessions, submaps };
+    let manifest = Manifest { details, sessions, submaps, edits: None };
     finish(dir, ManifestState::Rebuilt, &manifest, damage)
 }
 

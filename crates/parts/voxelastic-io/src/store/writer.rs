@@ -4,6 +4,7 @@ use super::additions::sessions::SessionEntry;
 use super::description::manifest::{Manifest, SubmapEntry};
 use super::description::manifest_text;
 use super::description::piece::{MapDetails, Piece, check_storable};
+use super::editor;
 use super::files::{self, LOCK, MANIFEST, RUN_LOG, SubmapName, UNFINISHED};
 use super::known_file::KnownFile;
 use super::lock::Lock;
@@ -58,7 +59,7 @@ impl MapWriter {
     ///
     /// # Errors
     /// [`Error::WouldOverwrite`] when the directory holds anything else, [`Error::NotAMap`] when `path` is a file,
-    /// [`Error::Locked`], what [`MapStore::open`] says about a map that is there, and [`Error::Io`].
+    /// [`Error::Locked`], [`Error::Edited`], what [`MapStore::open`] says about a map that is there, and [`Error::Io`].
     pub fn create(path: impl AsRef<Path>) -> Result<Self> {
         let dir = path.as_ref();
         if dir.is_file() {
@@ -80,22 +81,27 @@ impl MapWriter {
         let lock = Lock::take(dir)?;
         let is_map = check_is_ours(dir)?;
         let store = if is_map { MapStore::open(dir)? } else { MapStore::empty(dir) };
+        store.check_unedited()?;
         Ok(Self::new(store, lock))
     }
 
     /// Opens the map at `path` to save to it again.
     ///
     /// # Errors
-    /// As for [`MapStore::open`], and [`Error::Locked`].
+    /// As for [`MapStore::open`], [`Error::Locked`], and [`Error::Edited`].
     pub fn open(path: impl AsRef<Path>) -> Result<Self> {
         let dir = path.as_ref();
         MapStore::open(dir)?;
         let lock = Lock::take(dir)?;
         // Once more: another writer may have saved before the lock was ours.
-        Ok(Self::new(MapStore::open(dir)?, lock))
+        let store = MapStore::open(dir)?;
+        store.check_unedited()?;
+        Ok(Self::new(store, lock))
     }
 
-    fn new(store: MapStore, lock: Lock) -> Self {
+    /// Of a map whose lock is held.
+    pub(super) fn new(store: MapStore, lock: Lock) -> Self {
+        editor::remove_leftovers(&store);
         Self { store, whole: Mutex::default(), _lock: lock }
     }
 
@@ -182,7 +188,6 @@ impl MapWriter {
         log: RunLogFate,
         before: impl FnOnce(&str) -> Result<()>,
     ) -> Result<SaveReport> {
-        let dir = self.store.dir();
         let mut report = SaveReport::default();
         for (entry, is_new) in &saved {
             report.bytes += entry.bytes;
@@ -190,7 +195,15 @@ impl MapWriter {
             *if *is_new { &mut report.written } else { &mut report.kept } += 1;
         }
         let submaps = saved.into_iter().map(|(entry, _)| entry).collect();
-        let manifest = Manifest { details: details.clone(), sessions, submaps };
+        let bytes = self.replace_manifest(Manifest { details: details.clone(), sessions, submaps, edits: None }, log, before)?;
+        report.bytes += bytes;
+        report.bytes_written += bytes;
+        Ok(report)
+    }
+
+    /// Replaces the manifest; what belongs to it is written by `before`, which gets its text. Returns its length.
+    pub(super) fn replace_manifest(&mut self, manifest: Manifest, log: RunLogFate, before: impl FnOnce(&str) -> Result<()>) -> Result<u64> {
+        let dir = self.store.dir();
         let path = dir.join(MANIFEST);
         let text = manifest_text::write(&manifest).map_err(|e| Error::on_io("write", &path)(e.into()))?;
         before(&text)?;
@@ -210,9 +223,7 @@ impl MapWriter {
             }
         })?;
         self.store.set_manifest(manifest);
-        report.bytes += text.len() as u64;
-        report.bytes_written += text.len() as u64;
-        Ok(report)
+        Ok(text.len() as u64)
     }
 
     /// Puts `text` beside the map as the log of the run that made it, after [`save`](Self::save), which removes any earlier one. It is no

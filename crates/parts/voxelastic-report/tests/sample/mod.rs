@@ -54,7 +54,7 @@ fn run() -> RunLog {
         phases_ms: [("prepare", 6.0), ("tsdf_update", 22.0), ("occupancy_descend", 8.0)]
             .map(|(name, ms)| (name.to_owned(), column(&|i| ms + (i * 0.4).sin())))
             .into(),
-        loops: vec![LoopEdge { from: 3, to: 55, after: 55, wall_ms: 0.25, fusions: 0 }],
+        loops: vec![LoopEdge { from: 3, to: 55, after: 55, wall_ms: 0.25, ..LoopEdge::default() }],
         // Two of 62 scans were not registered.
         registrations: RegistrationLog {
             node: (0..62).collect(),
@@ -75,7 +75,7 @@ fn run() -> RunLog {
                 correction_m: 1.2,
             })
             .into(),
-        corrections: vec![Correction { after: 55, wall_ms: 1.0, optimise_ms: Some(12.5), moved: 2, closed: 1, fusions: 1 }],
+        corrections: vec![Correction { after: 55, wall_ms: 1.0, optimise_ms: Some(12.5), moved: 2, closed: 1, fusions: 1, newest: None }],
         ..RunLog::default()
     }
 }

@@ -1,6 +1,6 @@
 //! Pose-graph optimisation: node poses that agree best with all edges, found by the [`factrs`] library.
 //!
-//! [`optimise`] solves a whole graph, [`optimise_with_positions`] one with positions of a receiver or of control points; [`LiveOptimiser`] sits in a stream of events and adds a
+//! [`optimise`] solves a whole graph, [`optimise_with_positions`] one with positions of a receiver or of control points, [`optimise_held`] one of which somebody holds nodes; [`LiveOptimiser`] sits in a stream of events and adds a
 //! [`PoseUpdate`](voxelastic::event::Event::PoseUpdate) after loop edges (paper Sec. IV-D takes these from any SLAM system).
 //!
 //! ```
@@ -18,6 +18,7 @@
 
 mod between;
 mod block_cholesky;
+mod held;
 mod incremental;
 mod information;
 mod lie;
@@ -28,6 +29,7 @@ mod vertical;
 
 pub(crate) use between::Between;
 pub(crate) use block_cholesky::{Structure, System};
+pub use held::{HeldRotation, Hold, optimise_held};
 pub use incremental::Correction;
 pub use information::default_information;
 pub(crate) use information::{adjoint, symmetric, upper_triangle, usable_information};

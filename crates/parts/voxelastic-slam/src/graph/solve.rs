@@ -175,7 +175,7 @@ pub(super) fn factors(problem: &Problem<'_>, options: &Options, index_of: &HashM
     Ok((graph, uncoupled))
 }
 
-fn factor(edge: &Edge, noise: GaussianNoise<6>, from: usize, to: usize, options: &Options) -> Factor {
+pub(super) fn factor(edge: &Edge, noise: GaussianNoise<6>, from: usize, to: usize, options: &Options) -> Factor {
     let builder = FactorBuilder::new2_unchecked(BetweenResidual::new(se3(&edge.t_from_to)), key(from), key(to)).noise(noise);
     let is_loop = from.abs_diff(to) != 1;
     match options.huber.filter(|_| is_loop) {
@@ -185,7 +185,7 @@ fn factor(edge: &Edge, noise: GaussianNoise<6>, from: usize, to: usize, options:
 }
 
 /// The noise of an edge, and whether its information was used whole.
-fn noise(edge: &Edge) -> Result<(GaussianNoise<6>, bool), SlamError> {
+pub(super) fn noise(edge: &Edge) -> Result<(GaussianNoise<6>, bool), SlamError> {
     let (information, is_whole) = usable_information(edge)?;
     let information = SolverMatrix6::from_fn(|i, j| information[(i, j)]);
     let refused = SlamError::BadEdge { from: edge.from, to: edge.to, reason: "its information matrix is not positive definite" };

@@ -25,6 +25,7 @@ mod sampling;
 mod settings;
 mod tsdf;
 
+pub(crate) use alignment::Corrections;
 pub use alignment::PairAgreement;
 pub(crate) use alignment::places_on_surface;
 pub use conflicts::conflict_resolution::resolve_conflicts;

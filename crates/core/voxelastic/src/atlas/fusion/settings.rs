@@ -16,7 +16,7 @@ pub struct FusionSettings {
 
 impl FusionSettings {
     /// Least and largest value of an occupancy voxel, steps.
-    pub(super) fn log_odds_limits(&self) -> [i8; 2] {
+    pub(crate) fn log_odds_limits(&self) -> [i8; 2] {
         [steps(self.min_log_odds), steps(self.max_log_odds)]
     }
 

@@ -9,6 +9,7 @@ mod block_states;
 mod change_log;
 mod faces;
 mod field;
+mod overwrite;
 pub(crate) mod propagate;
 mod value;
 mod volume;

@@ -42,6 +42,8 @@ pub struct MapInfo {
     bounds_m: Option<Bounds>,
     /// Known space of all submaps; only with `--check`, and for maps with occupancy.
     known_m3: Option<KnownSpace>,
+    /// Edits that the map is shown with: `voxelastic edit MAP --list` lists them.
+    edits: usize,
     /// What the map was made of; a map that was made at once is one session.
     sessions: Vec<SessionInfo>,
     submaps: Vec<SubmapInfo>,
@@ -128,6 +130,7 @@ pub fn describe(path: &Path, check: bool, args: LoadArgs) -> anyhow::Result<MapI
     }
     Ok(MapInfo {
         kind: "map",
+        edits: manifest.edits.map_or(0, |edits| edits.count),
         generator: manifest.details.generator.clone(),
         settings: manifest.details.settings.clone(),
         sensor: manifest.details.sensor.clone(),
@@ -230,6 +233,9 @@ pub fn table(info: &MapInfo) -> Vec<(String, String)> {
     if info.origin_m != [0.0; 3] {
         let [x, y, z] = info.origin_m;
         rows.push(row("origin", format!("{x} {y} {z} m: what is written has it added")));
+    }
+    if info.edits > 0 {
+        rows.push(row("edits", format!("{}: `voxelastic edit MAP --list` lists them", info.edits)));
     }
     rows.extend(info.place.iter().map(|place| row("on Earth", place)));
     rows.extend(info.path_bounds_m.map(|b| row("path of the sensor", b)));

@@ -1,6 +1,7 @@
-//! Sessions of a map, and damaged maps.
+//! Edits and sessions of a map, and damaged maps.
 
 pub mod changes;
+pub mod edit;
 pub mod merge;
 pub mod refine;
 pub mod remove;

@@ -20,6 +20,26 @@ pub struct Manifest {
     pub sessions: Vec<SessionEntry>,
     /// The submaps, ordered by id.
     pub submaps: Vec<SubmapEntry>,
+    /// Which edits the map is shown with; none for a map without.
+    pub edits: Option<EditsMark>,
+}
+
+/// Which edits of a list a map is shown with: the first bytes of `edits.toml`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct EditsMark {
+    /// Number of the edits.
+    pub count: usize,
+    /// Bytes of the list that they take. What follows in the file is of an edit that was never complete.
+    pub bytes: u64,
+    /// CRC-32 of these bytes.
+    pub crc32: u32,
+}
+
+impl EditsMark {
+    /// Of a list of so many edits.
+    pub(crate) fn of(list: &str, count: usize) -> Self {
+        Self { count, bytes: list.len() as u64, crc32: crc32fast::hash(list.as_bytes()) }
+    }
 }
 
 impl Manifest {

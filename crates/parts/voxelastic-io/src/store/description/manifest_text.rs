@@ -3,7 +3,7 @@
 //! Its first lines have a fixed form in all versions: format, version, and the CRC-32 of the whole text with eight zeros
 //! in the checksum's place. What follows may gain keys that older programs can do without; any other change is a new version.
 
-use super::manifest::{Manifest, SubmapEntry};
+use super::manifest::{EditsMark, Manifest, SubmapEntry};
 use super::piece::MapDetails;
 use crate::store::FORMAT_VERSION;
 use crate::store::additions::sessions::{self, SessionEntry};
@@ -25,6 +25,8 @@ struct Document {
     settings: BTreeMap<String, String>,
     sensor: BTreeMap<String, String>,
     #[serde(default)]
+    edits: Option<EditsMark>,
+    #[serde(default)]
     sessions: Vec<SessionEntry>,
     submaps: Vec<SubmapEntry>,
 }
@@ -35,6 +37,9 @@ pub(crate) fn write(manifest: &Manifest) -> std::result::Result<String, serde_js
     let mut text = format!("{before}{NO_CRC}\",\n\"generator\": {},\n", serde_json::to_string(&manifest.details.generator)?);
     text += &format!("\"settings\": {},\n", serde_json::to_string_pretty(&manifest.details.settings)?);
     text += &format!("\"sensor\": {},\n", serde_json::to_string_pretty(&manifest.details.sensor)?);
+    if let Some(edits) = &manifest.edits {
+        text += &format!("\"edits\": {},\n", serde_json::to_string(edits)?);
+    }
     let mut text = text.into_bytes();
     if !manifest.sessions.is_empty() {
         text.extend(b"\"sessions\": [");
@@ -89,9 +94,9 @@ pub(crate) fn read(path: &Path, text: &[u8]) -> Result<Manifest> {
     let document: Document =
         serde_json::from_slice(text).map_err(|e| Error::damaged(path, "text", offset(text, e.line(), e.column()), e.to_string()))?;
     check(path, text, &document.submaps)?;
-    let Document { generator, settings, sensor, sessions, submaps } = document;
+    let Document { generator, settings, sensor, edits, sessions, submaps } = document;
     sessions::check(&sessions).map_err(|what| Error::damaged(path, "sessions", 0, what))?;
-    let manifest = Manifest { details: MapDetails { generator, settings, sensor }, sessions, submaps };
+    let manifest = Manifest { details: MapDetails { generator, settings, sensor }, sessions, submaps, edits };
     manifest.voxel_size().map_err(|what| Error::damaged(path, "settings", 0, what))?;
     Ok(manifest)
 }

@@ -9,7 +9,7 @@ const NEAR: f64 = 5.0;
 
 /// How the scans of a submap moved, in the map frame, since they were integrated.
 #[derive(Clone, Debug, Default)]
-pub(in crate::atlas::fusion) struct Corrections {
+pub(crate) struct Corrections {
     /// Where each scan was integrated, metres, and how it moved.
     scans: Vec<(Point3<f64>, Pose)>,
     voxel_size: f64,
@@ -34,13 +34,17 @@ impl Corrections {
 
     /// How much the surface at a point moved, both in finest voxels: the mean of what the scans say, those nearby first.
     pub fn at(&self, point: [f32; 3]) -> [f32; 3] {
-        let point = Point3::from(point.map(|c| f64::from(c) * self.voxel_size));
+        (self.at_point(&Point3::from(point.map(|c| f64::from(c) * self.voxel_size))) / self.voxel_size).map(|c| c as f32).into()
+    }
+
+    /// The same in metres.
+    pub fn at_point(&self, point: &Point3<f64>) -> Vector3<f64> {
         let (mut sum, mut weights) = (Vector3::zeros(), 0.0);
         for (from, change) in &self.scans {
             let weight = 1.0 / ((point - from).norm_squared() + NEAR * NEAR);
             sum += weight * (change * point - point);
             weights += weight;
         }
-        if weights > 0.0 { (sum / (weights * self.voxel_size)).map(|c| c as f32).into() } else { [0.0; 3] }
+        if weights > 0.0 { sum / weights } else { Vector3::zeros() }
     }
 }

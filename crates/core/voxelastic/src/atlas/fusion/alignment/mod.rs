@@ -18,7 +18,7 @@ mod pairs;
 mod solve;
 mod surface_points;
 
-pub(super) use corrections::Corrections;
+pub(crate) use corrections::Corrections;
 pub(super) use displacement::{CubeOffset, Displacement};
 
 use super::placement::Placement;
