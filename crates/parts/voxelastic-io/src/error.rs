@@ -276,7 +276,9 @@ impl Error {
             Self::NotAMap { .. } => Cow::Borrowed("give the directory of a map"),
             Self::WouldOverwrite { .. } => Cow::Borrowed("choose a new directory"),
             Self::Locked { .. } => Cow::Borrowed("wait for the other process to end, or write to another directory"),
-            Self::Edited { .. } => Cow::Borrowed("`voxelastic edit` takes the edits back with `--undo all`, or makes them part of the map with `--keep`"),
+            Self::Edited { .. } => {
+                Cow::Borrowed("`voxelastic edit` takes the edits back with `--undo all`, or makes them part of the map with `--keep`")
+            }
             Self::Missing { .. } => Cow::Borrowed("restore the file from a backup, or open the map again if it was being saved meanwhile"),
             Self::Damaged { .. } => Cow::Borrowed("restore the file from a backup or map the data again"),
             Self::OtherVersion { .. } => Cow::Borrowed("map the data again, to another directory"),

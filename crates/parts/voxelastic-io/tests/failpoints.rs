@@ -203,7 +203,7 @@ fn sessions(map: &Atlas) {
 }
 
 /// The map as so many edits make it: each changes the fields of a submap and moves another.
-fn edited(editor: &MapEditor, edits: u64) -> NewState {
+fn edited(editor: &MapEditor, edits: u64) -> Result<NewState> {
     let manifest = editor.base().manifest();
     let mut state = NewState {
         entries: manifest.submaps.clone(),
@@ -216,12 +216,12 @@ fn edited(editor: &MapEditor, edits: u64) -> NewState {
     for k in 0..edits {
         state.entries[((k + 1) % 3) as usize].t_map_submap = Pose::translation(k as f64, 7.0, 1.0);
         if k < 3 {
-            let mut changed = editor.base().load_submap(k as u32).unwrap();
+            let mut changed = editor.base().load_submap(k as u32)?;
             *changed.tsdf_mut() = made_up_field(300 + k, 40);
             state.changed.push(Arc::new(changed));
         }
     }
-    state
+    Ok(state)
 }
 
 /// All files of a map, also its lock, by name.
@@ -239,7 +239,8 @@ fn editing(map: &Atlas) {
     let mut states = vec![all_files(&path)];
     for edits in 1..=4 {
         let mut editor = MapEditor::open(&path).unwrap();
-        editor.save(edited(&editor, edits)).unwrap();
+        let state = edited(&editor, edits).unwrap();
+        editor.save(state).unwrap();
         drop(editor);
         assert!(MapStore::open(&path).unwrap().check().is_empty());
         states.push(all_files(&path));
@@ -250,12 +251,14 @@ fn editing(map: &Atlas) {
             drop(saved(path, map));
             for count in 1..=edits {
                 let mut editor = MapEditor::open(path).unwrap();
-                editor.save(edited(&editor, count)).unwrap();
+                let state = edited(&editor, count).unwrap();
+                editor.save(state).unwrap();
             }
             path.to_owned()
         }
     };
-    let save = |path: &Path, edits: u64| MapEditor::open(path).and_then(|mut editor| editor.save(edited(&editor, edits)).map(drop));
+    let save =
+        |path: &Path, edits: u64| MapEditor::open(path).and_then(|mut editor| edited(&editor, edits).and_then(|state| editor.save(state)).map(drop));
     for (what, from, to) in [("a first edit", 0, 1), ("a further edit", 1, 2), ("an edit of what was edited", 3, 4), ("an edit taken back", 4, 2)] {
         let mut seen = [0, 0];
         each_fails(

@@ -84,7 +84,13 @@ pub fn erase(submap: &mut Submap, distance: &(impl Fn([f64; 3]) -> f64 + Sync), 
         let free = settings.log_odds_limits()[0];
         let change = |value: i8| match then {
             OccupancyThen::Unknown => UNKNOWN,
-            OccupancyThen::Free => if value > 0 { free } else { value },
+            OccupancyThen::Free => {
+                if value > 0 {
+                    free
+                } else {
+                    value
+                }
+            }
         };
         erased.occupancy = submap.occupancy.overwrite(&in_voxels, &change);
     }
@@ -96,8 +102,8 @@ pub fn erase(submap: &mut Submap, distance: &(impl Fn([f64; 3]) -> f64 + Sync), 
 mod tests {
     use super::*;
     use crate::atlas::SubmapScan;
-    use crate::field::{BlockHead, TsdfBuilder};
     use crate::field::tsdf::Voxel;
+    use crate::field::{BlockHead, TsdfBuilder};
     use crate::geometry::Pose;
     use crate::octree::{block_key, voxel_coords, voxels_at};
     use proptest::prelude::*;

@@ -11,7 +11,7 @@ mod newest;
 mod pieces;
 mod void;
 
-pub use erase::{Erase, ErasedVoxels, OccupancyThen, erase};
 pub use compare::{ChangeError, ChangeOptions, Changes, changes};
+pub use erase::{Erase, ErasedVoxels, OccupancyThen, erase};
 pub use newest::{RemovedVoxels, keep_newest};
 pub use pieces::ChangedPiece;

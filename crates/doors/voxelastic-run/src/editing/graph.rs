@@ -246,8 +246,8 @@ impl Logged {
     /// What odometry measured between two scans that followed each other; none where the log does not know.
     fn between(&self, a: NodeId, b: NodeId) -> Option<Pose> {
         let ((first, t_map_a), (second, t_map_b)) = (self.scans.get(&a)?, self.scans.get(&b)?);
-        let between = self.corrections.iter().filter(|(before, _)| *before > *first && *before <= *second);
-        match between.last() {
+        let mut between = self.corrections.iter().filter(|(before, _)| *before > *first && *before <= *second);
+        match between.next_back() {
             None => Some(t_map_a.inv_mul(t_map_b)),
             Some((_, Some((newest, pose)))) if *newest == a => Some(pose.inv_mul(t_map_b)),
             Some(_) => None,
@@ -266,11 +266,14 @@ fn odometry(a: &Node, b: &Node, logged: &Logged) -> GraphEdge {
 fn settled(nodes: &[Node], mut measured: Vec<GraphEdge>) -> Result<Graph> {
     let poses: Vec<(NodeId, Pose)> = nodes.iter().map(|node| (node.node, node.t_map_lidar)).collect();
     let edges: Vec<Edge> = measured.iter().map(|edge| edge.edge.clone()).collect();
-    let solved = if edges.is_empty() { poses.clone() } else { optimise(&Problem { nodes: &poses, edges: &edges, fixed: &[] }, &Options::default())?.poses };
+    let solved =
+        if edges.is_empty() { poses.clone() } else { optimise(&Problem { nodes: &poses, edges: &edges, fixed: &[] }, &Options::default())?.poses };
     let by_edges: HashMap<NodeId, Pose> = solved.into_iter().collect();
     let in_map: HashMap<NodeId, Pose> = poses.iter().copied().collect();
     for GraphEdge { edge, .. } in &mut measured {
-        let (Some(x), Some(y)) = (in_map.get(&edge.from).zip(in_map.get(&edge.to)), by_edges.get(&edge.from).zip(by_edges.get(&edge.to))) else { continue };
+        let (Some(x), Some(y)) = (in_map.get(&edge.from).zip(in_map.get(&edge.to)), by_edges.get(&edge.from).zip(by_edges.get(&edge.to))) else {
+            continue;
+        };
         let residual = y.1.inv_mul(&(y.0 * edge.t_from_to));
         let mut t_from_to = x.0.inv_mul(&(x.1 * residual));
         t_from_to.rotation.renormalize();

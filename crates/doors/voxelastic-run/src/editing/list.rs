@@ -196,10 +196,13 @@ impl Edit {
             Self::RemoveClosure { scans } => key("scans", format!("{scans:?}")),
             Self::Merge { into, from } => key("submaps", format!("[{into}, {from}]")),
             Self::AlignSession { session, t_map_session } => {
-                key("session", match session {
-                    SessionName::Number(number) => number.to_string(),
-                    SessionName::Input(input) => quoted(input),
-                });
+                key(
+                    "session",
+                    match session {
+                        SessionName::Number(number) => number.to_string(),
+                        SessionName::Input(input) => quoted(input),
+                    },
+                );
                 key("pose", format!("{:?}", numbers(t_map_session)));
             }
             Self::Note { text, at } => {

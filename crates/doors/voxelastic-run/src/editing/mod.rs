@@ -178,7 +178,8 @@ pub fn keep(map: &Path) -> Result<()> {
 /// A file that cannot be read, or is no list of edits: what is wrong is named by line and key.
 pub fn read(file: &Path) -> Result<Vec<(usize, Edit)>> {
     let name = file.display().to_string();
-    let text = std::fs::read_to_string(file).map_err(|error| Error::new(format!("{name}: {error}"), "give a list of edits: `[[edit]]` tables in a text file"))?;
+    let text = std::fs::read_to_string(file)
+        .map_err(|error| Error::new(format!("{name}: {error}"), "give a list of edits: `[[edit]]` tables in a text file"))?;
     parse::parse_with_lines(&text, &name)
 }
 

@@ -111,7 +111,8 @@ fn region(keys: &Keys<'_, '_>) -> Result<Region> {
         "sphere" => Region::Sphere { centre: of.numbers("centre", of.needed("centre")?)?, radius: of.number("radius", of.needed("radius")?)? },
         _ => {
             let corners = of.needed("polygon")?;
-            let corners = corners.get_ref().as_array().ok_or_else(|| of.place.wrong(&corners.span(), "polygon", "it is a list of corners, [x, y]"))?;
+            let corners =
+                corners.get_ref().as_array().ok_or_else(|| of.place.wrong(&corners.span(), "polygon", "it is a list of corners, [x, y]"))?;
             let polygon = corners.iter().map(|corner| of.numbers("polygon", corner)).collect::<Result<_>>()?;
             Region::Prism { polygon, z: of.numbers("z", of.needed("z")?)? }
         }
@@ -167,7 +168,11 @@ fn closure(keys: &Keys<'_, '_>) -> Result<Edit> {
     let mut edges = Vec::new();
     if let Some(value) = keys.value("measured") {
         let Between::Scans([from, to]) = between else {
-            return Err(keys.place.wrong(&value.span(), "measured", "what is measured is the pose of one scan in the frame of another: name `scans`"));
+            return Err(keys.place.wrong(
+                &value.span(),
+                "measured",
+                "what is measured is the pose of one scan in the frame of another: name `scans`",
+            ));
         };
         edges.push(Edge { from, to, t_from_to: keys.pose("measured", value)?, information: None });
     }
@@ -200,7 +205,10 @@ impl Place<'_> {
     fn wrong(&self, span: &Range<usize>, key: &str, problem: &str) -> Error {
         let key = if key.is_empty() { String::new() } else { format!(", key `{key}`") };
         let problem = problem.trim_end().replace('\n', ", ");
-        Error::usage(format!("{}, line {}{key}: {problem}", self.file, self.line(span)), "the guide has every edit with its keys: docs/src/guide/editing.md")
+        Error::usage(
+            format!("{}, line {}{key}: {problem}", self.file, self.line(span)),
+            "the guide has every edit with its keys: docs/src/guide/editing.md",
+        )
     }
 }
 
@@ -247,7 +255,11 @@ impl<'p, 'i> Keys<'p, 'i> {
     fn choice(&self, key: &'static str, words: &[&'static str]) -> Result<&'static str> {
         let Some(value) = self.value(key) else { return Ok(words[0]) };
         let word = self.text(key, value)?;
-        words.iter().copied().find(|known| *known == word).ok_or_else(|| self.place.wrong(&value.span(), key, &format!("it is one of {}", words.join(", "))))
+        words
+            .iter()
+            .copied()
+            .find(|known| *known == word)
+            .ok_or_else(|| self.place.wrong(&value.span(), key, &format!("it is one of {}", words.join(", "))))
     }
 
     fn integer(&self, key: &str, value: &Spanned<DeValue<'i>>) -> Result<u64> {

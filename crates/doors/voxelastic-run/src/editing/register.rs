@@ -59,27 +59,39 @@ pub fn register(first: &Submap, second: &Submap, start: Option<Pose>) -> Result<
     let (first_book, second_book) = (book(&a), book(&b));
     let attempt = join(&first_book, &second_book, &b.path, start.map_or(Start::Likely(Pose::identity()), Start::Given), &settings)?;
     let score = |closure: &&Closure| closure.fit.map_or(0.0, |fit| fit.score);
-    let best = attempt.tried.iter().max_by(|x, y| (x.verdict == Verdict::Accepted).cmp(&(y.verdict == Verdict::Accepted)).then(score(x).total_cmp(&score(y))));
-    let Some(joined) = attempt.joined.as_ref().filter(|joined| !joined.edges.is_empty()) else {
+    let best = attempt
+        .tried
+        .iter()
+        .max_by(|x, y| (x.verdict == Verdict::Accepted).cmp(&(y.verdict == Verdict::Accepted)).then(score(x).total_cmp(&score(y))));
+    let mut edges = attempt.joined.as_ref().map_or_else(Vec::new, |joined| joined.edges.clone());
+    if edges.is_empty() {
+        // Somebody named the two, so that one place is enough, if it is where they lie, or where the start has them.
+        let is_near = |closure: &&Closure| closure.verdict == Verdict::Accepted && closure.correlation >= 1.0;
+        let near = attempt.tried.iter().filter(is_near).max_by(|x, y| score(x).total_cmp(&score(y)));
+        edges.extend(near.and_then(|closure| Some(first_book.fine_edge(&second_book, &first_book.edge(closure)?))));
+    }
+    if edges.is_empty() {
         let figures = best.and_then(|closure| Some((closure.fit?, closure.verdict))).map_or_else(String::new, |(fit, verdict)| {
             let why = match verdict {
                 Verdict::FreeSpace => "surfaces of one would be in space that the other saw to be free",
                 Verdict::BeyondDrift => "the fit is too far from the start",
                 Verdict::NotRegistered => "the surfaces hold nothing in some direction",
+                Verdict::Accepted => "one place alone fits, which could be another one that looks alike",
                 _ => "too few surfaces lie on each other",
             };
             format!("; at best {:.0} % of the surfaces have a counterpart, score {:.2}: {why}", 100.0 * fit.overlap, fit.score)
         });
-        let message = format!("submaps {} and {} do not fit: {} pairs of places were compared{figures}", first.id(), second.id(), attempt.tried.len());
+        let message =
+            format!("submaps {} and {} do not fit: {} pairs of places were compared{figures}", first.id(), second.id(), attempt.tried.len());
         return Err(Error::new(message, "give a `start` near the truth; or `scans` with what is `measured`, if you know it"));
-    };
+    }
     let fit = best.and_then(|closure| closure.fit);
     let fit = Fit {
-        edges: joined.edges.len(),
+        edges: edges.len(),
         overlap: fit.map_or(0.0, |fit| fit.overlap),
         score: fit.map_or(0.0, |fit| fit.score),
         spread_m: fit.map_or(0.0, |fit| fit.spread),
         contradiction: fit.and_then(|fit| fit.contradiction),
     };
-    Ok((joined.edges.clone(), fit))
+    Ok((edges, fit))
 }

@@ -95,7 +95,8 @@ impl State {
                 let closures = self.graph()?.closures();
                 if self.graph()?.remove(*scans)? == 0 {
                     let known: Vec<String> = closures.iter().take(20).map(|[a, b]| format!("{a} and {b}")).collect();
-                    let known = if known.is_empty() { "the map has none".to_owned() } else { format!("there are those between {}", known.join("; ")) };
+                    let known =
+                        if known.is_empty() { "the map has none".to_owned() } else { format!("there are those between {}", known.join("; ")) };
                     return Err(Error::new(format!("no closure is between scans {} and {}: {known}", scans[0], scans[1]), ""));
                 }
                 self.solve()?
@@ -122,7 +123,9 @@ impl State {
 
     fn entry(&self, id: SubmapId) -> Result<&SubmapEntry> {
         let found = self.entries.binary_search_by_key(&id, |entry| entry.id).ok().map(|i| &self.entries[i]);
-        found.ok_or_else(|| Error::new(format!("there is no submap {id}"), "`voxelastic info MAP` lists the submaps, `voxelastic edit MAP --list` the edits"))
+        found.ok_or_else(|| {
+            Error::new(format!("there is no submap {id}"), "`voxelastic info MAP` lists the submaps, `voxelastic edit MAP --list` the edits")
+        })
     }
 
     fn submap_of(&self, node: NodeId) -> Result<SubmapId> {
@@ -142,7 +145,12 @@ impl State {
     }
 
     /// Erases in the submaps that `is_meant`. The distance to the region is that of points as users have them.
-    fn erase(&mut self, distance: &(impl Fn([f64; 3]) -> f64 + Sync), what: Erase, is_meant: &(impl Fn(SubmapId) -> bool + Sync)) -> Result<ErasedVoxels> {
+    fn erase(
+        &mut self,
+        distance: &(impl Fn([f64; 3]) -> f64 + Sync),
+        what: Erase,
+        is_meant: &(impl Fn(SubmapId) -> bool + Sync),
+    ) -> Result<ErasedVoxels> {
         let settings = FusionSettings::from(&self.settings);
         let (this, origin) = (&*self, self.origin);
         let of_user = |p: [f64; 3]| distance(origin.point_to_map(p));
@@ -267,7 +275,10 @@ impl State {
     fn align(&mut self, name: &SessionName, t_map_session: &Pose) -> Result<Done> {
         let mut sessions = self.sessions.clone();
         if sessions.is_empty() {
-            return Err(Error::new("the map has one session only", "a place on Earth is given by `voxelastic georeference`; submaps are held by a `pin`"));
+            return Err(Error::new(
+                "the map has one session only",
+                "a place on Earth is given by `voxelastic georeference`; submaps are held by a `pin`",
+            ));
         }
         let is_it = |session: &&mut SessionEntry| match name {
             SessionName::Number(number) => session.number == *number,

@@ -29,7 +29,10 @@ fn all(k: u32) -> Vec<Edit> {
     let mut edits = vec![
         pin(Pin { pose: Some(pose(k)), ..Pin::default() }),
         pin(Pin { position: Some([random(k), 2.0, 3.0]), up: Some(Up::Own), ..Pin::default() }),
-        Edit::Pin { target: Target::Scan(u64::from(k) << 20), pin: Pin { height: Some(random(k)), up: Some(Up::Direction([0.1, random(k), 1.0])), ..Pin::default() } },
+        Edit::Pin {
+            target: Target::Scan(u64::from(k) << 20),
+            pin: Pin { height: Some(random(k)), up: Some(Up::Direction([0.1, random(k), 1.0])), ..Pin::default() },
+        },
         Edit::Closure { between: Between::Submaps([1, 7]), start: Some(pose(k)), edges: edges.clone() },
         Edit::Closure { between: Between::Scans([1, 70]), start: None, edges },
         Edit::Closure { between: Between::Scans([1, 70]), start: None, edges: Vec::new() },

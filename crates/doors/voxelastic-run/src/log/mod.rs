@@ -61,7 +61,7 @@ pub enum EventSummary {
     /// A scan.
     Scan { time: f64, t_map_lidar: Pose },
     /// A loop edge.
-    Loop { edge: LoopEdge, before: ElasticState },
+    Loop { edge: Box<LoopEdge>, before: ElasticState },
     /// Corrected poses.
     Correction { newest: Option<(NodeId, [f64; 7])>, before: ElasticState },
     /// An event that is not logged.
@@ -106,7 +106,7 @@ impl EventSummary {
                     information: edge.information,
                     ..LoopEdge::default()
                 };
-                Self::Loop { edge: measured, before: ElasticState::of(mapper) }
+                Self::Loop { edge: Box::new(measured), before: ElasticState::of(mapper) }
             }
             Event::PoseUpdate(poses) => {
                 let newest = poses.iter().max_by_key(|(node, _)| *node).map(|(node, pose)| (*node, numbers(pose)));
@@ -158,7 +158,7 @@ impl Recorder {
             }
             (EventSummary::Loop { edge, before }, _) => {
                 let fusions = ElasticState::of(mapper).fusions - before.fusions;
-                self.log.loops.push(LoopEdge { after, wall_ms, fusions, ..*edge });
+                self.log.loops.push(LoopEdge { after, wall_ms, fusions, ..**edge });
             }
             (EventSummary::Correction { newest, before }, _) => {
                 let now = ElasticState::of(mapper);

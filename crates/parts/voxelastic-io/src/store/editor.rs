@@ -8,7 +8,7 @@ use super::additions::sessions::SessionEntry;
 use super::description::manifest::{EditsMark, Manifest, SubmapEntry};
 use super::description::piece::{MapDetails, Piece, check_storable};
 use super::description::pose_as_numbers;
-use super::files::{self, BASE, EDITS, MANIFEST, SubmapName};
+use super::files::{self, BASE, EDITS, EDITS_HEADER as HEADER, MANIFEST, SubmapName};
 use super::known_file::KnownFile;
 use super::lock::Lock;
 use super::reader::MapStore;
@@ -23,8 +23,8 @@ use std::path::Path;
 use std::sync::Arc;
 use voxelastic::atlas::{Submap, SubmapId};
 
-/// The first line of every list.
-const HEADER: &str = "# Edits of this map, in order. Kept by `voxelastic edit`: changed otherwise, they are no longer those of the map.\n";
+/// Submaps whose files are there, with their entries.
+type WrittenSubmaps = HashMap<SubmapId, (Arc<Submap>, SubmapEntry)>;
 
 /// The one editor of a map directory, from when it is made until it is dropped.
 #[derive(Debug)]
@@ -32,6 +32,8 @@ pub struct MapEditor {
     writer: MapWriter,
     base: MapStore,
     list: String,
+    /// What the map that is shown has of submaps that are others than before the edits: of the same in memory, the file is there.
+    written: WrittenSubmaps,
 }
 
 /// A map as edits make it of the one before.
@@ -60,7 +62,7 @@ impl MapEditor {
         let (store, lock) = locked(path.as_ref())?;
         let list = read_list(&store)?;
         let base = if store.manifest().edits.is_some() { MapStore::open_base(store.dir())? } else { store.clone() };
-        Ok(Self { writer: MapWriter::new(store, lock), base, list })
+        Ok(Self { writer: MapWriter::new(store, lock), base, list, written: HashMap::new() })
     }
 
     /// The map before the edits.
@@ -84,20 +86,13 @@ impl MapEditor {
     /// # Errors
     /// [`Error::Unwritable`] when a pose is not finite; [`Error::Io`] when the file system refuses.
     pub fn save(&mut self, state: NewState) -> Result<SaveReport> {
-        let was_edited = self.shown().manifest().edits;
         let saved = self.write(state);
-        let (report, list) = saved.inspect_err(|_| {
-            // What the map does not need only takes space, often the very space that ran out.
-            let _ = MapStore::open(self.base.dir()).and_then(|there| files::remove_others(there.dir(), |name| names(&there, name) || names(&self.base, name)));
-            if was_edited.is_none() {
-                let _ = remove(self.base.dir());
-            }
-        })?;
-        self.list = list;
+        let (report, list, written) = saved.inspect_err(|_| clean(&self.base))?;
+        (self.list, self.written) = (list, written);
         Ok(report)
     }
 
-    fn write(&mut self, state: NewState) -> Result<(SaveReport, String)> {
+    fn write(&mut self, state: NewState) -> Result<(SaveReport, String, WrittenSubmaps)> {
         let dir = self.base.dir().to_owned();
         let NewState { mut entries, changed, details, sessions, count, list } = state;
         check_poses(&entries, &dir)?;
@@ -105,8 +100,13 @@ impl MapEditor {
             let before = files::read(&dir.join(MANIFEST), None)?;
             files::write_atomically(&dir, BASE, |file| file.write_all(&before).and_then(|()| file.sync_all()))?;
         }
-        let written: Vec<Result<(SubmapEntry, bool)>> = changed.par_iter().map(|submap| self.write_submap(submap)).collect();
+        let write = |submap: &Arc<Submap>| match self.written.get(&submap.id()) {
+            Some((same, entry)) if Arc::ptr_eq(same, submap) => Ok((entry.clone(), false)),
+            _ => self.write_submap(submap),
+        };
+        let written: Vec<Result<(SubmapEntry, bool)>> = changed.par_iter().map(write).collect();
         let written = written.into_iter().collect::<Result<Vec<_>>>()?;
+        let now = changed.iter().zip(&written).map(|(submap, (entry, _))| (submap.id(), (Arc::clone(submap), entry.clone()))).collect();
         let mut report = SaveReport::default();
         let mut of_submap: HashMap<SubmapId, (SubmapEntry, bool)> = written.into_iter().map(|(entry, is_new)| (entry.id, (entry, is_new))).collect();
         for entry in &mut entries {
@@ -137,7 +137,7 @@ impl MapEditor {
             files::sync_dir(&dir)?;
         }
         report.removed = files::remove_others(&dir, |name| names(self.shown(), name) || names(&self.base, name))?;
-        Ok((report, list))
+        Ok((report, list, now))
     }
 
     /// Writes the file of a submap that is another one than before the edits. It depends on its content, and not on which edits came in between: with the poses of before.
@@ -150,11 +150,8 @@ impl MapEditor {
         let name = SubmapName { id: submap.id(), digest: submap_file::digest(submap) };
         // The file of before has this content, perhaps with other poses in it: it stays.
         let is_base = name.to_string() == base.file;
-        let known = is_base.then(|| KnownFile {
-            name,
-            written: Written { bytes: base.bytes, crc32: base.crc32 },
-            path: self.base.dir().join(&base.file),
-        });
+        let known =
+            is_base.then(|| KnownFile { name, written: Written { bytes: base.bytes, crc32: base.crc32 }, path: self.base.dir().join(&base.file) });
         self.writer.save_piece(&piece, &manifest.details, known)
     }
 
@@ -209,6 +206,16 @@ impl MapStore {
     }
 }
 
+/// Removes what a save that failed has written, because it would keep a full disk full. It may have failed after the manifest was replaced: that on the disk decides. What
+/// cannot be removed is left for the next save.
+fn clean(base: &MapStore) {
+    let Ok(there) = MapStore::open(base.dir()) else { return };
+    let _ = files::remove_others(there.dir(), |name| names(&there, name) || names(base, name));
+    if there.manifest().edits.is_none() {
+        let _ = remove(there.dir());
+    }
+}
+
 /// The edits that a manifest is made with.
 fn read_list(store: &MapStore) -> Result<String> {
     let path = store.dir().join(EDITS);
@@ -221,7 +228,8 @@ fn read_list(store: &MapStore) -> Result<String> {
     let text = files::read(&path, None)?;
     let list = usize::try_from(mark.bytes).ok().and_then(|bytes| text.get(..bytes)).filter(|list| crc32fast::hash(list) == mark.crc32);
     let list = list.and_then(|list| std::str::from_utf8(list).ok()).and_then(|list| list.strip_prefix(HEADER));
-    let remedy = "restore it from a backup; or `voxelastic edit MAP --keep` makes the map as it is one without edits, `--undo all` the one before them";
+    let remedy =
+        "restore it from a backup; or `voxelastic edit MAP --keep` makes the map as it is one without edits, `--undo all` the one before them";
     list.map(str::to_owned).ok_or_else(|| other(remedy))
 }
 
@@ -245,21 +253,6 @@ fn remove(dir: &Path) -> Result<()> {
         }
     }
     files::sync_dir(dir)
-}
-
-/// Removes what an editor that died has left in the directory of a map without edits. What cannot be removed only takes space.
-pub(super) fn remove_leftovers(store: &MapStore) {
-    let dir = store.dir();
-    if store.manifest().edits.is_some() {
-        return;
-    }
-    if MapStore::open_base(dir).is_ok() {
-        let _ = fs::remove_file(dir.join(BASE));
-    }
-    let list = dir.join(EDITS);
-    if list.is_file() && files::read(&list, None).is_ok_and(|text| text.starts_with(HEADER.as_bytes())) {
-        let _ = fs::remove_file(list);
-    }
 }
 
 /// Refuses poses that the manifest cannot hold.

@@ -19,6 +19,9 @@ pub(super) const RUN_LOG: &str = "run.json";
 
 /// Name of the list of the edits that the map is shown with.
 pub(super) const EDITS: &str = "edits.toml";
+/// The first line of every list of edits.
+pub(super) const EDITS_HEADER: &str =
+    "# Edits of this map, in order. Kept by `voxelastic edit`: changed otherwise, they are no longer those of the map.\n";
 /// Name of the manifest of before the edits.
 pub(super) const BASE: &str = "base.json";
 

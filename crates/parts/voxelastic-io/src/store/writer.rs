@@ -4,9 +4,9 @@ use super::additions::sessions::SessionEntry;
 use super::description::manifest::{Manifest, SubmapEntry};
 use super::description::manifest_text;
 use super::description::piece::{MapDetails, Piece, check_storable};
-use super::editor;
 use super::files::{self, LOCK, MANIFEST, RUN_LOG, SubmapName, UNFINISHED};
 use super::known_file::KnownFile;
+use super::leftovers;
 use super::lock::Lock;
 use super::reader::MapStore;
 use super::sections::submap_file::{self, Written};
@@ -101,7 +101,7 @@ impl MapWriter {
 
     /// Of a map whose lock is held.
     pub(super) fn new(store: MapStore, lock: Lock) -> Self {
-        editor::remove_leftovers(&store);
+        leftovers::remove_leftovers(&store);
         Self { store, whole: Mutex::default(), _lock: lock }
     }
 

@@ -143,7 +143,8 @@ mod tests {
 
     /// A way with turns and slopes, by odometry that is right.
     fn way(count: u64, seed: f64) -> (Vec<(NodeId, Pose)>, Vec<Edge>) {
-        let step = |k: u64| Pose::new(Vector3::new(1.0, 0.1 * (seed + k as f64).sin(), 0.05), Vector3::new(0.01, -0.02, 0.2 * (seed * k as f64).cos()));
+        let step =
+            |k: u64| Pose::new(Vector3::new(1.0, 0.1 * (seed + k as f64).sin(), 0.05), Vector3::new(0.01, -0.02, 0.2 * (seed * k as f64).cos()));
         let mut poses = vec![(0, Pose::new(Vector3::new(3.0, -2.0, 1.0), Vector3::new(0.02, 0.05, seed)))];
         let mut edges = Vec::new();
         for k in 1..count {

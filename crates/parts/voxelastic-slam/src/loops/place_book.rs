@@ -282,6 +282,10 @@ fn parts(stations: &[Station], length: f64) -> Vec<std::ops::Range<usize>> {
         let part = begin..end + 1;
         if parts.iter().all(|other| middle(other).translation_distance(&middle(&part)) >= SAME_PLACE * length) {
             parts.push(part);
+        } else if let Some(only) = parts.last_mut().filter(|only| is_last && part.start == only.start && stations[only.start].piece == station.piece)
+        {
+            // A path that is too short for two places is one as a whole, and not its first station.
+            *only = part;
         }
     }
     parts

@@ -137,7 +137,11 @@ fn apply(map: &Path, file: &Path) -> anyhow::Result<(usize, Vec<Done>)> {
         let kind = edit.kind();
         let before = applied.len();
         let done = editor.apply(edit).with_context(|| {
-            let done = if before == 0 { "nothing was changed".to_owned() } else { format!("the {before} before it are done; `--undo {before}` takes them back") };
+            let done = if before == 0 {
+                "nothing was changed".to_owned()
+            } else {
+                format!("the {before} before it are done; `--undo {before}` takes them back")
+            };
             format!("{}, line {line}: edit {} ({kind}) is refused, {done}", file.display(), before + 1)
         })?;
         tracing::info!("{}: {}", editor.edits().len(), words(&done));

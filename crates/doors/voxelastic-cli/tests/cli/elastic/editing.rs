@@ -49,7 +49,7 @@ fn edge(poses: &[Pose], from: usize, to: usize, wrong_by: [f64; 3]) -> Edge {
 /// A street, once round and a bit, whose odometry climbs by 4 mm a scan and has a loop edge that is wrong by 2.8 m and none that is right, with ghosts in the air.
 /// Returns where the ghosts are, and the true poses.
 fn broken_street(dir: &Path) -> ([f64; 3], Vec<Pose>) {
-    works(dir, "simulate street -o street --laps 1.15 --spacing 1.5 --columns 256");
+    works(dir, "simulate street -o street --laps 1.15 --spacing 1.5 --columns 512");
     let street = dir.join("street");
     let truth = poses::read(street.join("groundtruth.tum")).unwrap().poses;
     for entry in fs::read_dir(&street).unwrap().map(|entry| entry.unwrap().path()) {
@@ -63,20 +63,20 @@ fn broken_street(dir: &Path) -> ([f64; 3], Vec<Pose>) {
     let nodes = odometry.iter().enumerate().map(|(k, pose)| (k as NodeId, *pose)).collect();
     let edges = vec![edge(&odometry, 40, 150, [2.0, 2.0, 0.0])];
     g2o::write(street.join("graph.g2o"), &PoseGraph { nodes, edges, fixed: vec![0] }).unwrap();
-    // A ball of points over the road beside the tenth scan, as three scans saw it.
+    // A ball of points over the road beside the tenth scan, as four scans saw it.
     let ghost = truth[10] * nalgebra::Point3::new(0.0, 3.0, 0.3);
-    for scan in 9..12 {
+    for scan in 9..13 {
         let path = street.join(format!("scans/{scan:06}.pcd"));
         let mut cloud = pcd::read(&path).unwrap().cloud;
         let t_lidar_map = truth[scan].inverse();
-        for (k, point) in cloud.points.iter_mut().enumerate().filter(|(k, _)| k % 5 == 0) {
-            // On a sphere of 0.4 m, on the rays that meet it.
+        for point in &mut cloud.points {
+            // On a sphere of 0.5 m, on the rays that meet it.
             let centre = (t_lidar_map * ghost).coords;
             let direction = nalgebra::Vector3::from(point.map(f64::from)).normalize();
             let along = direction.dot(&centre);
             let beside = (centre - along * direction).norm();
-            if along > 0.0 && beside < 0.4 && k > 0 {
-                *point = (direction * (along - (0.16 - beside * beside).sqrt())).map(|c| c as f32).into();
+            if along > 0.0 && beside < 0.5 {
+                *point = (direction * (along - (0.25 - beside * beside).sqrt())).map(|c| c as f32).into();
             }
         }
         pcd::write(&path, &cloud).unwrap();
@@ -96,34 +96,38 @@ fn a_broken_map_is_mended_from_metres_to_centimetres() {
     let dir = tempfile::tempdir().unwrap();
     let (at, (ghost, truth)) = (dir.path(), broken_street(dir.path()));
     let map = at.join("street.vox");
-    works(at, "map street -o street.vox --optimize --field both --voxel-size 0.15 --max-range 30 --lambda-odom 15 --lambda-cluster 0");
+    works(at, "map street -o street.vox --optimize --field both --voxel-size 0.2 --max-range 30 --lambda-odom 15 --lambda-cluster 0");
     let before = (largest_error(&map, &truth), files(&map));
     assert!(before.0 > 1.5, "{}", before.0);
     let listed = json(at, "edit street.vox --list --json");
     assert_eq!((listed["edits"].as_array().unwrap().len(), &listed["closures"][0]["scans"]), (0, &serde_json::json!([40, 150])), "{listed}");
-    assert!(vertices_near(at, "street.vox", ghost, 0.6) > 20);
+    assert!(vertices_near(at, "street.vox", ghost, 0.8) > 20);
     // The submaps of the first scans and of those at the same place a lap later.
     let store = MapStore::open(&map).unwrap();
     let submap_of = |node: usize| store.manifest().submaps.iter().find(|s| s.scans.iter().any(|scan| scan.node == node as NodeId)).unwrap().id;
-    let lap = (200..truth.len()).min_by(|a, b| truth[*a].translation_distance(&truth[4]).total_cmp(&truth[*b].translation_distance(&truth[4]))).unwrap();
+    let lap =
+        (200..truth.len()).min_by(|a, b| truth[*a].translation_distance(&truth[4]).total_cmp(&truth[*b].translation_distance(&truth[4]))).unwrap();
     let (first, last) = (submap_of(4), submap_of(lap));
     assert_ne!(first, last);
-    let edits = format!(
-        "[[edit]]\nkind = \"remove-closure\"\nscans = [40, 150]\n\n[[edit]]\nkind = \"closure\"\nsubmaps = [{first}, {last}]\n\n\
-         [[edit]]\nkind = \"erase\"\nsphere = {{ centre = {ghost:?}, radius = 0.7 }}\nthen = \"free\"\n"
-    );
+    let erase = format!("[[edit]]\nkind = \"erase\"\nsphere = {{ centre = {ghost:?}, radius = 0.9 }}\nthen = \"free\"\n");
+    let mut edits =
+        format!("{erase}[[edit]]\nkind = \"remove-closure\"\nscans = [40, 150]\n\n[[edit]]\nkind = \"closure\"\nsubmaps = [{first}, {last}]\n");
+    // What the closure leaves between are heights, which somebody has levelled every 60 m.
+    for scan in (30..230).step_by(40).chain([truth.len() - 1]) {
+        edits += &format!("[[edit]]\nkind = \"pin\"\nscan = {scan}\nheight = {:?}\n", truth[scan].translation.z);
+    }
     fs::write(at.join("edits.toml"), edits).unwrap();
     let clock = Instant::now();
     let done = json(at, "edit street.vox --apply edits.toml --json");
     let took = clock.elapsed();
-    assert_eq!(done["edits"], 3, "{done}");
+    assert_eq!(done["edits"], 9, "{done}");
     let after = largest_error(&map, &truth);
     println!("largest error of a pose: {:.2} m before, {after:.3} m after, in {:.1} s: {done}", before.0, took.as_secs_f64());
     assert!(after <= 0.05, "{after}: {done}");
-    assert!(done["applied"][1]["fit"]["edges"].as_u64().unwrap() > 0 && done["applied"][2]["surface_voxels"].as_u64().unwrap() > 100, "{done}");
-    assert_eq!(vertices_near(at, "street.vox", ghost, 0.6), 0);
+    assert!(done["applied"][2]["fit"]["edges"].as_u64().unwrap() > 0 && done["applied"][0]["surface_voxels"].as_u64().unwrap() > 100, "{done}");
+    assert_eq!(vertices_near(at, "street.vox", ghost, 0.8), 0);
     // The list as it is kept, on a new map of the same data, and without looking for anything again: the same bytes.
-    works(at, "map street -o again.vox --optimize --field both --voxel-size 0.15 --max-range 30 --lambda-odom 15 --lambda-cluster 0");
+    works(at, "map street -o again.vox --optimize --field both --voxel-size 0.2 --max-range 30 --lambda-odom 15 --lambda-cluster 0");
     fs::copy(map.join("edits.toml"), at.join("kept.toml")).unwrap();
     works(at, "edit again.vox --apply kept.toml");
     let mut again = files(&at.join("again.vox"));
@@ -154,10 +158,17 @@ fn random_edits(numbers: &mut Numbers, count: usize, map: &Path) -> String {
         let scan = |share: f64| *scans.keys().nth((share * scans.len() as f64) as usize).unwrap();
         let edit = match (number(0.0, 12.0) as usize, submaps.len()) {
             (0, _) => format!("kind = \"erase\"\nof = \"{of}\"\nsphere = {{ centre = {wall:?}, radius = {} }}", number(0.3, 0.6)),
-            (1, _) => format!("kind = \"erase\"\nbox = {{ min = [{}, 2.6, 0.1], max = [{}, 3.4, 2.5], yaw = {} }}", at[0], at[0] + 0.5, number(-20.0, 20.0)),
+            (1, _) => {
+                format!("kind = \"erase\"\nbox = {{ min = [{}, 2.6, 0.1], max = [{}, 3.4, 2.5], yaw = {} }}", at[0], at[0] + 0.5, number(-20.0, 20.0))
+            }
             (2, _) => {
                 let [x, y] = [at[0], 2.8];
-                format!("kind = \"erase\"\nthen = \"free\"\nprism = {{ polygon = [[{x}, {y}], [{}, 3.3], [{}, 3.5]], z = [0.0, {}] }}", x + 0.7, x - 0.2, number(1.0, 2.6))
+                format!(
+                    "kind = \"erase\"\nthen = \"free\"\nprism = {{ polygon = [[{x}, {y}], [{}, 3.3], [{}, 3.5]], z = [0.0, {}] }}",
+                    x + 0.7,
+                    x - 0.2,
+                    number(1.0, 2.6)
+                )
             }
             (3, _) => format!("kind = \"crop\"\nbox = {{ min = [-1.5, -3.5, {}], max = [9.5, 3.5, 3.0] }}", -0.5 + 0.02 * k as f64),
             (4, _) => format!("kind = \"pin\"\nsubmap = {}\nheight = {}", submaps[k % submaps.len()], number(1.15, 1.25)),
