@@ -65,10 +65,10 @@ fn broken_street(dir: &Path) -> ([f64; 3], Vec<Pose>) {
     g2o::write(street.join("graph.g2o"), &PoseGraph { nodes, edges, fixed: vec![0] }).unwrap();
     // A ball of points over the road beside the tenth scan, as four scans saw it.
     let ghost = truth[10] * nalgebra::Point3::new(0.0, 3.0, 0.3);
-    for scan in 9..13 {
+    for (scan, t_map_lidar) in truth.iter().enumerate().take(13).skip(9) {
         let path = street.join(format!("scans/{scan:06}.pcd"));
         let mut cloud = pcd::read(&path).unwrap().cloud;
-        let t_lidar_map = truth[scan].inverse();
+        let t_lidar_map = t_map_lidar.inverse();
         for point in &mut cloud.points {
             // On a sphere of 0.5 m, on the rays that meet it.
             let centre = (t_lidar_map * ghost).coords;
