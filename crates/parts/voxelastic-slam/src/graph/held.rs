@@ -197,7 +197,7 @@ mod tests {
         let certain = optimise_held(&nodes, &edges, std::slice::from_ref(&wrong), &holds, &sure).unwrap();
         edges.push(wrong.clone());
         let doubted = optimise_held(&nodes, &edges, &[], &holds, &sure).unwrap();
-        assert!(distance(&certain.poses) < distance(&doubted.poses) && distance(&certain.poses) < 1.5, "{}", distance(&certain.poses));
+        assert!(distance(&certain.poses) < distance(&doubted.poses) && distance(&certain.poses) < 2.0, "{}", distance(&certain.poses));
         let unknown = optimise_held(&nodes, &edges, &[], &[Hold::at(77, &nodes[0].1)], &sure);
         assert_eq!(unknown.unwrap_err(), SlamError::UnknownNode { node: 77 });
     }
