@@ -59,6 +59,15 @@ seen.colours = new Set(before).size;
 seen.drawn = before.filter((c) => c !== before[0]).length / before.length;
 const acts = { turn: ["pointermove", PointerEvent, { buttons: 1, movementX: 60, movementY: 20 }], move: ["pointermove", PointerEvent, { buttons: 1, shiftKey: true, movementX: 80, movementY: 0 }],
   zoom: ["wheel", WheelEvent, { deltaY: -300 }] };
+// Where something is drawn: rows of pixels are counted from below.
+const places = [...before.keys()].filter((k) => before[k] !== before[0]);
+const place = places[places.length >> 1];
+fire("dblclick", MouseEvent, { clientX: box().left + (place % canvas.width) + 0.5, clientY: box().top + canvas.height - Math.floor(place / canvas.width) - 0.5 });
+await frames();
+seen.picked = state.picked;
+seen.sent = sent;
+seen.text = el.innerText;
+before = picture();
 seen.acts = {};
 for (const [name, [kind, Type, options]] of Object.entries(acts)) {
   fire(kind, Type, options);
@@ -67,11 +76,6 @@ for (const [name, [kind, Type, options]] of Object.entries(acts)) {
   seen.acts[name] = different(before, after);
   before = after;
 }
-fire("dblclick", MouseEvent, {});
-await frames();
-seen.picked = state.picked;
-seen.sent = sent;
-seen.text = el.innerText;
 before = picture();
 await arrays(names, "second");
 names.forEach(tell);
