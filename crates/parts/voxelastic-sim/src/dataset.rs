@@ -15,6 +15,8 @@
 //! | `images/front/TIME.png` | its images |
 //! | `recording.mcap` | as a recording instead: scans and samples as messages, without `scans/` and `imu/samples.csv` |
 
+mod folder;
+
 use crate::options::SimOptions;
 use crate::{SimError, Simulation, World};
 use rayon::prelude::*;
@@ -26,6 +28,8 @@ use std::path::{Path, PathBuf};
 use voxelastic::Pose;
 use voxelastic::event::NodeId;
 use voxelastic_io::{PoseGraph, g2o, imu_csv, pcd, poses};
+
+pub use folder::{Folder, Outcome};
 
 /// Name of the file with the options of the simulation.
 pub const WORLD_FILE: &str = "world.toml";

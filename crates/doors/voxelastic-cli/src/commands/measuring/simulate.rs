@@ -1,13 +1,10 @@
 //! `voxelastic simulate`: writes simulated scans of an exactly known world as a dataset folder.
 
-mod folder;
-
 use crate::failure::{self, Failure};
 use crate::progress::Progress;
 use crate::{interrupt, output};
 use anyhow::Context;
 use clap::Args;
-use folder::{Folder, Outcome};
 use nalgebra::{Translation3, UnitQuaternion};
 use serde::Serialize;
 use std::ops::ControlFlow;
@@ -16,6 +13,7 @@ use std::time::Instant;
 use voxelastic::Pose;
 use voxelastic_run::threads::pool;
 use voxelastic_sim::camera::Lens;
+use voxelastic_sim::dataset::{Folder, Outcome};
 use voxelastic_sim::drift::LoopSettings;
 use voxelastic_sim::imu::ImuSettings;
 use voxelastic_sim::route::Carrier;

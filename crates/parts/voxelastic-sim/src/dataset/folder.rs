@@ -1,12 +1,11 @@
 //! The folder of a simulation. An existing simulation is replaced when the new one is complete; any other folder is refused.
 
-use crate::failure::Failure;
-use anyhow::Context;
+use super::{LABEL_FOLDER, RECORDING_FILE, WORLD_FILE};
+use crate::SimError;
 use std::fs;
 use std::path::{Path, PathBuf};
 use voxelastic_io::images::CAMERAS_FILE;
 use voxelastic_io::imu_csv;
-use voxelastic_sim::dataset::{LABEL_FOLDER, RECORDING_FILE, WORLD_FILE};
 
 /// Subfolder for the new simulation, in the folder that it will replace.
 const NEW: &str = ".new";
@@ -21,6 +20,7 @@ pub enum Outcome {
 }
 
 /// A folder that may be written to.
+#[derive(Debug)]
 pub struct Folder {
     dir: PathBuf,
     replaces: bool,
@@ -28,21 +28,23 @@ pub struct Folder {
 
 impl Folder {
     /// Checks that `dir` does not exist, is empty, or contains nothing but a simulation.
-    pub fn claim(dir: &Path) -> anyhow::Result<Self> {
+    ///
+    /// # Errors
+    /// [`SimError::NoFolder`], [`SimError::NotSimulated`], [`SimError::File`].
+    pub fn claim(dir: &Path) -> Result<Self, SimError> {
         if dir.exists() && !dir.is_dir() {
-            return Err(Failure::new(format!("{}: this is a file, not a folder", dir.display()), "name another folder with -o").into());
+            return Err(SimError::NoFolder { path: dir.to_owned() });
         }
         let found = if dir.is_dir() { entries(dir)? } else { Vec::new() };
         let replaces = !found.is_empty();
         if replaces {
             let not_ours = foreign(dir)?.or_else(|| (!dir.join(WORLD_FILE).is_file() && !only_new(&found)).then(|| found[0].clone()));
-            if let Some(path) = not_ours {
-                let what = format!("{}: not a simulated folder: {} would be lost", dir.display(), path.display());
-                return Err(Failure::new(what, "name another folder with -o, or empty this one first").into());
+            if let Some(lost) = not_ours {
+                return Err(SimError::NotSimulated { path: dir.to_owned(), lost });
             }
             let new = dir.join(NEW);
             if new.is_dir() {
-                fs::remove_dir_all(&new).with_context(|| new.display().to_string())?;
+                fs::remove_dir_all(&new).map_err(SimError::file(&new))?;
             }
         }
         Ok(Self { dir: dir.to_owned(), replaces })
@@ -54,31 +56,34 @@ impl Folder {
     }
 
     /// Replaces the previous simulation by the new one, unless that is incomplete.
-    pub fn finish(self, is_part: bool) -> anyhow::Result<Outcome> {
+    ///
+    /// # Errors
+    /// [`SimError::File`].
+    pub fn finish(self, is_part: bool) -> Result<Outcome, SimError> {
         if !self.replaces {
             return Ok(Outcome::Written);
         }
         let new = self.target();
         if is_part {
-            fs::remove_dir_all(&new).with_context(|| new.display().to_string())?;
+            fs::remove_dir_all(&new).map_err(SimError::file(&new))?;
             return Ok(Outcome::Kept);
         }
         for old in entries(&self.dir)?.into_iter().filter(|path| *path != new) {
             let removed = if old.is_dir() { fs::remove_dir_all(&old) } else { fs::remove_file(&old) };
-            removed.with_context(|| format!("cannot replace {}", old.display()))?;
+            removed.map_err(SimError::file(old))?;
         }
         for path in entries(&new)? {
             let to = self.dir.join(path.file_name().unwrap_or_default());
-            fs::rename(&path, &to).with_context(|| format!("cannot move {} into place", path.display()))?;
+            fs::rename(&path, &to).map_err(SimError::file(path))?;
         }
-        fs::remove_dir(&new).with_context(|| new.display().to_string())?;
+        fs::remove_dir(&new).map_err(SimError::file(&new))?;
         Ok(Outcome::Written)
     }
 }
 
-fn entries(dir: &Path) -> anyhow::Result<Vec<PathBuf>> {
+fn entries(dir: &Path) -> Result<Vec<PathBuf>, SimError> {
     let listed = fs::read_dir(dir).and_then(|all| all.map(|e| e.map(|e| e.path())).collect::<Result<Vec<_>, _>>());
-    let mut paths = listed.with_context(|| dir.display().to_string())?;
+    let mut paths = listed.map_err(SimError::file(dir))?;
     paths.sort();
     Ok(paths)
 }
@@ -89,7 +94,7 @@ fn only_new(found: &[PathBuf]) -> bool {
 }
 
 /// The first entry of `dir` that is not part of a simulation.
-fn foreign(dir: &Path) -> anyhow::Result<Option<PathBuf>> {
+fn foreign(dir: &Path) -> Result<Option<PathBuf>, SimError> {
     for path in entries(dir)? {
         let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         let numbered = |prefix: &str, ending: &str| {
@@ -119,7 +124,7 @@ fn is_imu(path: &Path) -> bool {
 }
 
 /// The first thing in a folder of images that no simulation writes.
-fn foreign_image(folder: &Path) -> anyhow::Result<Option<PathBuf>> {
+fn foreign_image(folder: &Path) -> Result<Option<PathBuf>, SimError> {
     for path in entries(folder)? {
         let found = if path.is_dir() { entries(&path)?.into_iter().find(|image| !is_image(image)) } else { None };
         if found.is_some() || (path.is_file() && !path.ends_with(CAMERAS_FILE)) {
