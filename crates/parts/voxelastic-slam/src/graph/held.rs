@@ -173,9 +173,7 @@ mod tests {
             // The error is shared by all edges before, and those behind keep their shape.
             let largest = (0..at as usize).map(|k| along(&solved, k).translation_distance(&edges[k].t_from_to)).fold(0.0, f64::max);
             assert!(largest < 0.35 * Vector3::from(shift).norm() + 1e-3, "{largest}");
-            for k in at as usize..29 {
-                assert!(along(&solved, k).translation_distance(&edges[k].t_from_to) < 1e-3);
-            }
+            assert!((at as usize..29).all(|k| along(&solved, k).translation_distance(&edges[k].t_from_to) < 1e-3));
             // Height alone: the other directions are those of the cheapest bend.
             let height = before.translation.z + shift[2];
             let solved = solve(Hold { node: at, position: [None, None, Some(height)], rotation: HeldRotation::Free });
