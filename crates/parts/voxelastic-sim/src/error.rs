@@ -56,13 +56,13 @@ pub enum SimError {
         path: PathBuf,
     },
     /// What is to be a folder is a file.
-    #[error("{}: this is a file, not a folder; name another folder with -o", path.display())]
+    #[error("{}: this is a file, not a folder", path.display())]
     NoFolder {
         /// The file.
         path: PathBuf,
     },
     /// The folder to write is none that a simulation wrote.
-    #[error("{}: not a simulated folder: {} would be lost; name another folder with -o, or empty this one first", path.display(), lost.display())]
+    #[error("{}: not a simulated folder: {} would be lost", path.display(), lost.display())]
     NotSimulated {
         /// The folder.
         path: PathBuf,

@@ -153,7 +153,7 @@ struct Summary {
 pub fn run(args: &SimulateArgs, quiet: bool) -> anyhow::Result<u8> {
     let clock = Instant::now();
     let pool = pool(args.threads)?;
-    let folder = Folder::claim(&args.output)?;
+    let folder = Folder::claim(&args.output).map_err(explain)?;
     let simulation = pool.install(|| options(args).and_then(Simulation::new)).map_err(explain)?;
     interrupt::install("finishing the current scans");
 
@@ -246,11 +246,14 @@ fn second(sensor: &str, args: &SimulateArgs) -> SecondLidar {
     SecondLidar { sensor: sensor.to_owned(), columns: args.columns, position: [t.x, t.y, t.z], rotation: [q.x, q.y, q.z, q.w] }
 }
 
-/// Turns errors of options into usage errors.
+/// Turns errors of options into usage errors, and says what helps.
 fn explain(error: SimError) -> anyhow::Error {
     match error {
         SimError::Setting { .. } | SimError::UnknownWorld { .. } | SimError::UnknownCarrier { .. } | SimError::Sensor(_) => {
             Failure::usage(error.to_string(), "see `voxelastic simulate --help`").into()
+        }
+        SimError::NoFolder { .. } | SimError::NotSimulated { .. } => {
+            Failure::new(error.to_string(), "name another folder with -o, or empty this one first").into()
         }
         other => other.into(),
     }
