@@ -78,7 +78,7 @@ fn page_draws_and_controls_work() {
         assert_eq!(acted, true, "{what} changes nothing: {seen}");
     }
     assert!(seen["acts"].as_object().unwrap().len() >= 27 && seen["acts"]["key 6"] == true, "{seen}");
-    assert_eq!((seen["charts"].as_u64(), seen["facts"].as_u64(), seen["rows"].as_u64()), (Some(8), Some(1), Some(6)), "{seen}");
+    assert_eq!((seen["charts"].as_u64(), seen["facts"].as_u64(), seen["rows"].as_u64()), (Some(9), Some(1), Some(6)), "{seen}");
     assert_eq!(seen["overflow"], false, "the page is wider than the window");
 }
 
