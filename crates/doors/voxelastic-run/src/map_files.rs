@@ -1,6 +1,5 @@
 //! Maps on disk: loading.
 
-use crate::error::one_line;
 use crate::{Error, Result};
 use std::path::Path;
 use voxelastic::atlas::Atlas;
@@ -145,9 +144,19 @@ pub fn settings_of(store: &MapStore) -> Result<Settings> {
 
 /// The log of the run stored in a map, if it can be read. Problems are logged.
 pub fn run_log(store: &MapStore) -> Option<RunLog> {
-    let refused = |problem: &(dyn std::error::Error + 'static)| tracing::warn!("{}: {}", store.dir().display(), one_line(problem));
-    let text = store.run_log().inspect_err(|problem| refused(problem)).ok()??;
-    RunLog::from_json(&text).inspect_err(|problem| refused(problem)).ok()
+    read_run_log(store).inspect_err(|problem| tracing::warn!("{}: {}", store.dir().display(), problem.one_line())).ok()?
+}
+
+/// The log of the run of a map, if it has one.
+///
+/// # Errors
+/// One that cannot be read.
+pub fn read_run_log(store: &MapStore) -> Result<Option<RunLog>> {
+    let damaged = |problem| {
+        let message = format!("{}: the log of the run is damaged: {problem}", store.dir().join("run.json").display());
+        Error::new(message, "restore it from a backup; or move it away: what odometry and loops measured is not known then")
+    };
+    store.run_log()?.map(|text| RunLog::from_json(&text).map_err(damaged)).transpose()
 }
 
 /// The origin of a map.

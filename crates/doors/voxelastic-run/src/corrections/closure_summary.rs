@@ -1,7 +1,7 @@
 //! The closures that were tried, as JSON has them.
 
+use crate::joining::numbers;
 use serde::Serialize;
-use voxelastic::Pose;
 use voxelastic::event::NodeId;
 use voxelastic_slam::loops::{Closure, Verdict};
 
@@ -112,9 +112,4 @@ impl TriedClosure {
             correction_m,
         }
     }
-}
-
-fn numbers(pose: &Pose) -> [f64; 7] {
-    let (t, q) = (pose.translation.vector, pose.rotation.coords);
-    [t.x, t.y, t.z, q.x, q.y, q.z, q.w]
 }

@@ -4,6 +4,7 @@
 //! agree with best, and that pull as hard as those that the run had: without an edit nothing moves, and what a wrong closure has bent springs back when it goes.
 
 use crate::error::{Error, Result};
+use crate::joining::pose_of;
 use crate::map_files;
 use std::collections::{BTreeMap, HashMap};
 use voxelastic::Pose;
@@ -60,7 +61,7 @@ impl Graph {
     /// Of a map without edits.
     ///
     /// # Errors
-    /// When the graph cannot be solved.
+    /// When the graph cannot be solved, or the log of the run is damaged.
     pub fn of(store: &MapStore) -> Result<Self> {
         let manifest = store.manifest();
         let sessions = manifest.all_sessions();
@@ -77,7 +78,7 @@ impl Graph {
         }
         nodes.sort_by_key(|node| node.node);
         nodes.dedup_by_key(|node| node.node);
-        let log = map_files::run_log(store).unwrap_or_default();
+        let log = map_files::read_run_log(store)?.unwrap_or_default();
         let logged = Logged::of(&log);
         let mut measured: Vec<GraphEdge> =
             nodes.windows(2).filter(|pair| pair[0].session == pair[1].session).map(|pair| odometry(&pair[0], &pair[1], &logged)).collect();
@@ -163,7 +164,7 @@ impl Graph {
             match holds.iter_mut().find(is_near) {
                 Some(hold) => {
                     if let Some(pose) = poses.get(&hold.node) {
-                        *hold = whole(hold, pose);
+                        *hold = Hold::at(hold.node, &hold.wanted(pose));
                     }
                 }
                 None => holds.extend(poses.get(&first).map(|pose| Hold::at(first, pose))),
@@ -189,20 +190,6 @@ pub fn loops(log: &RunLog, sessions: &[SessionEntry], poses: &BTreeMap<NodeId, P
     });
     let is_there = |edge: &Edge| poses.contains_key(&edge.from) && poses.contains_key(&edge.to) && edge.from != edge.to;
     of_run.chain(of_sessions).filter(is_there).collect()
-}
-
-/// The hold with what it leaves free held as it is.
-fn whole(hold: &Hold, pose: &Pose) -> Hold {
-    let rotation = match hold.rotation {
-        HeldRotation::Free => pose.rotation,
-        HeldRotation::All(rotation) => rotation,
-        HeldRotation::Up(up) => {
-            let turn = nalgebra::UnitQuaternion::rotation_between(&(pose.rotation * up), &nalgebra::Vector3::z());
-            turn.map_or(pose.rotation, |turn| turn * pose.rotation)
-        }
-    };
-    let position = std::array::from_fn(|k| Some(hold.position[k].unwrap_or(pose.translation.vector[k])));
-    Hold { node: hold.node, position, rotation: HeldRotation::All(rotation) }
 }
 
 /// The first node of every connected piece of a graph.
@@ -283,11 +270,4 @@ fn settled(nodes: &[Node], mut measured: Vec<GraphEdge>) -> Result<Graph> {
     let apart = poses.iter().filter_map(|(node, pose)| Some(by_edges.get(node)?.translation_distance(pose))).fold(0.0, f64::max);
     let apart = (apart, FROM_ELSEWHERE.0 * length + FROM_ELSEWHERE.1);
     Ok(Graph { edges: measured, certain: Vec::new(), holds: Vec::new(), apart })
-}
-
-/// A pose of seven numbers, x y z qx qy qz qw; none if they are none.
-fn pose_of([x, y, z, qx, qy, qz, qw]: [f64; 7]) -> Option<Pose> {
-    let rotation = nalgebra::Quaternion::new(qw, qx, qy, qz);
-    let is_pose = [x, y, z, rotation.norm()].iter().all(|v| v.is_finite()) && (rotation.norm() - 1.0).abs() < 1e-3;
-    is_pose.then(|| Pose::from_parts(nalgebra::Translation3::new(x, y, z), nalgebra::UnitQuaternion::from_quaternion(rotation)))
 }

@@ -135,11 +135,11 @@ pub fn edits(store: &MapStore) -> Result<Vec<Edit>> {
 /// The closures of a map as it is shown: those of its run, of its sessions and of its edits, the one that the poses contradict most first.
 ///
 /// # Errors
-/// As for [`edits`].
+/// As for [`edits`], and a log of the run that is damaged.
 pub fn closures(store: &MapStore) -> Result<Vec<ListedClosure>> {
     let manifest = store.manifest();
     let poses = graph::poses(&manifest.submaps);
-    let mut all = graph::loops(&map_files::run_log(store).unwrap_or_default(), &manifest.all_sessions(), &poses);
+    let mut all = graph::loops(&map_files::read_run_log(store)?.unwrap_or_default(), &manifest.all_sessions(), &poses);
     for edit in edits(store)? {
         match edit {
             Edit::Closure { edges, .. } => all.extend(edges),

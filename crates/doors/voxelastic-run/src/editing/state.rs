@@ -193,17 +193,17 @@ impl State {
         // What is held, in the frame of the scan by which it is.
         let t_node_held = if matches!(target, Target::Submap(_)) { t_submap_node.inverse() } else { Pose::identity() };
         let t_map_held = t_map_node * t_node_held;
-        let beside = t_map_node.translation.vector - t_map_held.translation.vector;
+        let offset = t_map_node.translation.vector - t_map_held.translation.vector;
         let mut hold = Hold { node, position: [None; 3], rotation: HeldRotation::Free };
         if let Some(pose) = &pin.pose {
             hold = Hold::at(node, &(self.origin.to_local(*pose) * t_node_held.inverse()));
         }
         if let Some(position) = pin.position {
             let local = self.origin.point_to_local(position);
-            hold.position = std::array::from_fn(|k| Some(local[k] + beside[k]));
+            hold.position = std::array::from_fn(|k| Some(local[k] + offset[k]));
         }
         if let Some(height) = pin.height {
-            hold.position[2] = Some(self.origin.point_to_local([0.0, 0.0, height])[2] + beside.z);
+            hold.position[2] = Some(self.origin.point_to_local([0.0, 0.0, height])[2] + offset.z);
         }
         if let Some(up) = pin.up {
             let up = match up {

@@ -35,6 +35,13 @@ pub fn numbers(pose: &Pose) -> [f64; 7] {
     [t.x, t.y, t.z, q.x, q.y, q.z, q.w]
 }
 
+/// The pose that such numbers are; none if they are none.
+pub fn pose_of([x, y, z, qx, qy, qz, qw]: [f64; 7]) -> Option<Pose> {
+    let rotation = Quaternion::new(qw, qx, qy, qz);
+    let is_pose = [x, y, z].iter().all(|v| v.is_finite()) && (rotation.norm() - 1.0).abs() < 1e-3;
+    is_pose.then(|| Pose::from_parts(Translation3::new(x, y, z), UnitQuaternion::from_quaternion(rotation)))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -7,7 +7,7 @@ mod addition;
 mod frame;
 
 pub use addition::Addition;
-pub use frame::{Frame, numbers};
+pub use frame::{Frame, numbers, pose_of};
 
 use crate::error::{Error, Result};
 use crate::map_files::{self, Loading};

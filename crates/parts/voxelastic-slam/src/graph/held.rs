@@ -51,7 +51,7 @@ impl Hold {
     }
 
     /// The pose that the node should have if what is not held stays as it is in `now`.
-    fn wanted(&self, now: &Pose) -> Pose {
+    pub fn wanted(&self, now: &Pose) -> Pose {
         let position = Vector3::from_fn(|k, _| self.position[k].unwrap_or(now.translation.vector[k]));
         let rotation = match self.rotation {
             HeldRotation::Free => now.rotation,
@@ -96,8 +96,9 @@ pub fn optimise_held(nodes: &[(NodeId, Pose)], edges: &[Edge], certain: &[Edge],
     let held: Vec<NodeId> = holds.iter().map(|hold| hold.node).collect();
     let index_of = solve::check(&Problem { nodes, edges: &all, fixed: &held })?;
     let mut poses = nodes.to_vec();
-    let mut cost_before = None;
-    for round in 1.. {
+    let (mut cost_before, mut round) = (None, 0);
+    loop {
+        round += 1;
         let mut graph = Graph::with_capacity(all.len() + holds.len());
         let mut uncoupled = 0;
         for (edge, is_certain) in edges.iter().map(|edge| (edge, false)).chain(certain.iter().map(|edge| (edge, true))) {
@@ -127,7 +128,6 @@ pub fn optimise_held(nodes: &[(NodeId, Pose)], edges: &[Edge], certain: &[Edge],
             return Ok(Solved { cost: solver.error(&values), poses, cost_before: before, is_converged, uncoupled });
         }
     }
-    Err(SlamError::Failed { reason: "no round was enough".to_owned() })
 }
 
 fn prior(hold: &Hold, now: &Pose, index: usize) -> Result<Factor, SlamError> {

@@ -17,6 +17,7 @@ use voxelastic::event::NodeId;
 use voxelastic::geometry::PoseExt;
 use voxelastic_eval::SeriesStats;
 use voxelastic_io::{Origin, dataset, poses};
+use voxelastic_run::joining::numbers;
 use voxelastic_run::precision::LARGEST;
 use voxelastic_run::{HoldOut, Warnings, map_files, surfaces};
 use voxelastic_slam::loops::{Localiser, LocaliserSettings, Whereabouts};
@@ -252,11 +253,6 @@ fn errors(rows: &[Row], truth: &[(NodeId, Pose)]) -> Errors {
 fn true_poses(data: &Path, file: &Path) -> anyhow::Result<Vec<(NodeId, Pose)>> {
     let found = dataset::open_truth(data, Some(file))?;
     Ok(found.map_or_else(Vec::new, |(_, data)| data.scans().iter().map(|s| (s.node, s.t_map_lidar)).collect()))
-}
-
-fn numbers(pose: &Pose) -> [f64; 7] {
-    let (t, q) = (pose.translation.vector, pose.rotation.coords);
-    [t.x, t.y, t.z, q.x, q.y, q.z, q.w]
 }
 
 fn guess(text: &str) -> Result<Guess, String> {
