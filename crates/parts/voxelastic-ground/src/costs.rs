@@ -71,7 +71,7 @@ impl Grid {
         }
         let cells = inflation.reach / self.cells.edge;
         let reach = cells as usize;
-        let beside: Vec<u32> = self.states.par_chunks(width).flat_map_iter(|row| squares_in_row(row, reach)).collect();
+        let in_row: Vec<u32> = self.states.par_chunks(width).flat_map_iter(|row| squares_in_row(row, reach)).collect();
         let of_square: Vec<i8> = (0..=(cells * cells) as usize).map(|square| inflation.cost((square as f64).sqrt() * self.cells.edge)).collect();
         let cost_of = |k: usize, square: u32| {
             let near = of_square.get(square as usize).copied().unwrap_or(0);
@@ -92,8 +92,8 @@ impl Grid {
             let rows = y.saturating_sub(reach)..=(y + reach).min(self.cells.size[1] - 1);
             for row in rows {
                 let down = (row.abs_diff(y) * row.abs_diff(y)) as u32;
-                for (nearest, beside) in nearest.iter_mut().zip(&beside[row * width..][..width]) {
-                    *nearest = (*nearest).min(beside.saturating_add(down));
+                for (nearest, square) in nearest.iter_mut().zip(&in_row[row * width..][..width]) {
+                    *nearest = (*nearest).min(square.saturating_add(down));
                 }
             }
             for (x, (cost, square)) in costs.iter_mut().zip(nearest).enumerate() {

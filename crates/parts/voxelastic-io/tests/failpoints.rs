@@ -260,7 +260,7 @@ fn editing(map: &Atlas) {
     let save =
         |path: &Path, edits: u64| MapEditor::open(path).and_then(|mut editor| edited(&editor, edits).and_then(|state| editor.save(state)).map(drop));
     for (what, from, to) in [("a first edit", 0, 1), ("a further edit", 1, 2), ("an edit of what was edited", 3, 4), ("an edit taken back", 4, 2)] {
-        let mut seen = [0, 0];
+        let mut outcomes = [0, 0];
         each_fails(
             what,
             with(from),
@@ -270,7 +270,7 @@ fn editing(map: &Atlas) {
                 let count = store.manifest().edits.map_or(0, |mark| mark.count as u64);
                 assert!(store.check().is_empty() && (count == to || count == from && outcome.is_err()), "{what}: {count} edits");
                 assert_eq!(store.edits().unwrap(), (0..count).map(|k| format!("edit {k}\n")).collect::<String>());
-                seen[usize::from(count == to)] += 1;
+                outcomes[usize::from(count == to)] += 1;
                 // The next one works, and leaves what it would have left otherwise.
                 save(path, to).unwrap();
                 assert!(all_files(path) == states[to as usize], "{what}: {:?}", all_files(path).keys());
@@ -278,7 +278,7 @@ fn editing(map: &Atlas) {
                 assert!(all_files(path) == states[0], "{what}: {:?}", all_files(path).keys());
             },
         );
-        assert!(seen[0] > 10 && seen[1] > 0, "{what}: {seen:?}");
+        assert!(outcomes[0] > 10 && outcomes[1] > 0, "{what}: {outcomes:?}");
     }
     each_fails(
         "all edits taken back",
