@@ -1,9 +1,12 @@
-//! Returns near the robot of scans that were not used yet.
+//! Returns near the robot: of the last scan, and of those that the planner has not had yet.
 
 use std::collections::{HashSet, VecDeque};
+use std::ops::Range;
 use voxelastic::Cloud;
 use voxelastic::event::{NodeId, Scan};
 
+/// The planner checks paths against returns within this distance, metres.
+const NEAR: f32 = 7.0;
 /// Scans that wait: the newest.
 const MOST: usize = 16;
 /// Share of the returns below the lowest elevation that counts, and above the highest.
@@ -20,6 +23,20 @@ pub struct NearScan {
     pub cloud: Cloud,
 }
 
+impl NearScan {
+    /// What is within `range` metres of a scan: what is nearer is the robot itself.
+    pub fn of(scan: &Scan, range: Range<f32>) -> Self {
+        let cloud = &scan.cloud;
+        let squares = range.start * range.start..range.end * range.end;
+        let is_near = |p: &[f32; 3]| Cloud::is_return(p) && squares.contains(&p.iter().map(|c| c * c).sum::<f32>());
+        let kept: Vec<usize> = (0..cloud.len()).filter(|k| is_near(&cloud.points[*k])).collect();
+        let time = cloud.time.as_ref().filter(|time| time.len() == cloud.len()).map(|time| kept.iter().map(|k| time[*k]).collect());
+        let near = Cloud { time, motion: cloud.motion.clone(), ..Cloud::from_points(kept.iter().map(|k| cloud.points[*k]).collect()) };
+        let cloud = near.undistorted().unwrap_or(near);
+        Self { node: scan.node, time: scan.time, cloud }
+    }
+}
+
 /// Where a sensor looks.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Beams {
@@ -29,34 +46,20 @@ pub struct Beams {
     pub spacing: f64,
 }
 
-/// Scans that wait for who plans or looks out.
-#[derive(Debug)]
+/// Scans that wait for the planner.
+#[derive(Debug, Default)]
 pub struct NearScans {
-    /// Returns within this distance are kept, metres.
-    near: f32,
     waiting: VecDeque<NearScan>,
     beams: Option<Beams>,
 }
 
 impl NearScans {
-    /// None yet; returns within `near` metres will be kept.
-    pub fn new(near: f32) -> Self {
-        Self { near, waiting: VecDeque::new(), beams: None }
-    }
-
-    /// Keeps what is near of a scan, farther than `min_range` metres: what is nearer is the robot itself.
+    /// Keeps what is near of a scan, farther than `min_range` metres.
     pub fn add(&mut self, scan: &Scan, min_range: f32) {
-        let cloud = &scan.cloud;
         if self.beams.is_none() {
-            self.beams = beams(cloud);
+            self.beams = beams(&scan.cloud);
         }
-        let squared = |p: &[f32; 3]| p.iter().map(|c| c * c).sum::<f32>();
-        let is_near = |p: &[f32; 3]| Cloud::is_return(p) && (min_range * min_range..self.near * self.near).contains(&squared(p));
-        let kept: Vec<usize> = (0..cloud.len()).filter(|k| is_near(&cloud.points[*k])).collect();
-        let time = cloud.time.as_ref().filter(|time| time.len() == cloud.len()).map(|time| kept.iter().map(|k| time[*k]).collect());
-        let near = Cloud { time, motion: cloud.motion.clone(), ..Cloud::from_points(kept.iter().map(|k| cloud.points[*k]).collect()) };
-        let cloud = near.undistorted().unwrap_or(near);
-        self.waiting.push_back(NearScan { node: scan.node, time: scan.time, cloud });
+        self.waiting.push_back(NearScan::of(scan, min_range..NEAR));
         if self.waiting.len() > MOST {
             self.waiting.pop_front();
         }
@@ -96,7 +99,7 @@ mod tests {
 
     #[test]
     fn what_is_near_and_not_the_robot_is_kept_of_the_newest_scans() {
-        let mut scans = NearScans::new(7.0);
+        let mut scans = NearScans::default();
         let points = vec![[0.2, 0.1, 0.0], [3.0, 0.0, -3.0], [20.0, 0.0, 2.0], [0.0; 3], [f32::NAN; 3]];
         (0..40).for_each(|node| scans.add(&scan(node, points.clone()), 0.5));
         let taken = scans.take();

@@ -27,8 +27,6 @@ use voxelastic::event::Scan;
 use voxelastic_explore::{ExploreError, Explorer};
 use worker::{Order, Worker};
 
-/// Paths are checked against returns within this distance, metres.
-const NEAR: f32 = 7.0;
 /// The map is copied at most this often ...
 const PERIOD: Duration = Duration::from_millis(200);
 /// ... and that takes no more than this share of the time.
@@ -93,7 +91,7 @@ impl LivePlanner {
             plans,
             is_busy: false,
             copied: Copied::default(),
-            scans: NearScans::new(NEAR),
+            scans: NearScans::default(),
             times: None,
             has_changed: false,
             is_paused: false,

@@ -2,7 +2,7 @@
 
 use super::floor_plan::{FloorPlan, GridSettings, Surroundings};
 use crate::link::Link;
-use crate::near_scans::{NearScan, NearScans};
+use crate::near_scans::NearScan;
 use crate::worker::{Priority, Worker};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -41,9 +41,9 @@ pub struct LocalCostmap {
     link: Option<Arc<Link>>,
     until: Instant,
     tiles: Option<GroundTiles>,
-    scans: NearScans,
-    /// The last scan, until a costmap is made of it.
+    /// The last scan, and whether there is a costmap of it where poses have it now.
     newest: Option<NearScan>,
+    is_current: bool,
     thread: Option<Worker<Order, Made>>,
     /// Time stamp of the scan before, seconds, and how many in a row came long after the one before them.
     last: Option<f64>,
@@ -54,16 +54,21 @@ pub struct LocalCostmap {
 impl LocalCostmap {
     /// Of nothing yet, published over a link if there is one.
     pub fn new(settings: GridSettings, link: Option<Arc<Link>>) -> Self {
-        let scans = NearScans::new(settings.costmap_size as f32);
-        Self { settings, link, until: Instant::now(), tiles: None, scans, newest: None, thread: None, last: None, seldom: 0, has_warned: false }
+        let until = Instant::now();
+        Self { settings, link, until, tiles: None, newest: None, is_current: true, thread: None, last: None, seldom: 0, has_warned: false }
     }
 
     /// Keeps what is near of a scan that is going to be in the map, farther than `min_range` metres.
     pub fn add_scan(&mut self, scan: &Scan, min_range: f32) {
-        self.scans.add(scan, min_range);
-        self.newest = self.scans.take().pop();
+        self.newest = Some(NearScan::of(scan, min_range..self.settings.costmap_size as f32));
+        self.is_current = false;
         let is_late = self.last.replace(scan.time).is_some_and(|last| scan.time - last > SELDOM);
         self.seldom = if is_late { self.seldom + 1 } else { 0 };
+    }
+
+    /// Has it made again: the map was corrected.
+    pub fn note_corrected(&mut self) {
+        self.is_current = false;
     }
 
     /// Whether one is being made.
@@ -71,7 +76,7 @@ impl LocalCostmap {
         self.thread.as_ref().is_some_and(Worker::is_busy)
     }
 
-    /// Has the next one made if there was a scan since, and returns one that was made, with the time stamp of its scan, seconds. `t_lidar_base` is where the middle of the robot is. To be called in the mapper's threads, if somebody
+    /// Has the next one made if there was a scan or a correction since, and returns one that was made, with the time stamp of its scan, seconds. `t_lidar_base` is where the middle of the robot is. To be called in the mapper's threads, if somebody
     /// listens.
     pub fn step(&mut self, atlas: &Atlas, t_lidar_base: &Pose) -> Option<(FloorPlan, f64)> {
         if self.seldom == 5 {
@@ -81,13 +86,15 @@ impl LocalCostmap {
         let made = self.thread.as_mut().and_then(Worker::made);
         if Instant::now() >= self.until
             && !self.is_busy()
+            && !std::mem::replace(&mut self.is_current, true)
             && let Some(scan) = self.newest.take()
-            && let Some(t_map_lidar) = atlas.scan_pose(scan.node)
         {
-            match self.order(atlas, &scan, &t_map_lidar, t_lidar_base) {
-                Ok(order) => self.have_made(order),
-                Err(why) => self.warn(&why),
+            match atlas.scan_pose(scan.node).map(|t_map_lidar| self.order(atlas, &scan, &t_map_lidar, t_lidar_base)) {
+                Some(Ok(order)) => self.have_made(order),
+                Some(Err(why)) => self.warn(&why),
+                None => {}
             }
+            self.newest = Some(scan);
         }
         match made? {
             Ok((plan, time)) => {

@@ -215,6 +215,7 @@ impl Outputs {
     pub fn note_rebuilt(&mut self, mapper: &Mapper) {
         self.octomap.hurry();
         self.grid.hurry();
+        self.costmap.note_corrected();
         self.note(mapper, None);
     }
 
@@ -238,6 +239,7 @@ impl Outputs {
         if poses != self.poses {
             self.sinks.publish(Output::Submaps, |header| messages::pose_array(header, &poses));
             self.poses = poses;
+            self.costmap.note_corrected();
             if self.plan.follow(atlas) {
                 self.publish_path_to_explore();
             }
@@ -392,6 +394,7 @@ impl Outputs {
     pub fn diagnostics(&mut self, node: &str, (health, words, mut figures): (Health, String, Vec<(String, String)>)) {
         self.last_figures = Some(Instant::now());
         figures.push(("messages_lost".to_owned(), self.sinks.lost.to_string()));
+        figures.extend(self.options.link.iter().map(|link| ("link_kb".to_owned(), (link.sent() / 1000).to_string())));
         self.sinks.publish(Output::Diagnostics, |header| messages::diagnostics(Header { frame: "", ..header }, node, (health, &words), &figures));
     }
 

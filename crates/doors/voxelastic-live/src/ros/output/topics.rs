@@ -57,12 +57,12 @@ impl Output {
         matches!(self, Self::Surface | Self::SurfacePoints | Self::MovingPoints | Self::Octomap | Self::DistanceSlice)
     }
 
-    /// How urgent it is where a link limits what goes out.
+    /// How urgent it is where a link limits what goes out, of what is published then.
     pub fn urgency(self) -> Urgency {
         match self {
-            Self::Transforms | Self::Diagnostics | Self::Submaps => Urgency::AtOnce,
-            output if output.is_large() => Urgency::Later,
-            _ => Urgency::Soon,
+            Self::Grid | Self::GridUpdates | Self::GlobalCostmap | Self::GlobalCostmapUpdates | Self::LocalCostmap => Urgency::Soon,
+            // Small, and some of it seldom.
+            _ => Urgency::AtOnce,
         }
     }
 }
