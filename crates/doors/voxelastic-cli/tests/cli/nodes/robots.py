@@ -355,9 +355,11 @@ wait_for("subscriber of initial poses", lambda: initial.get_matched_subscription
 def say(frame):
     x, y, yaw = robot.now
     initial.write(t.PoseWithCovarianceStamped(t.Header(t.Time(0, 0), frame), t.PoseWithCovariance(place(x - robot.drift, y, 0.0, yaw), spread)))
+    initial.wait_for_acks(duration(seconds=PATIENCE))
 
 
 say("map")
+time.sleep(2)
 saved = call("save", TriggerRequest, TriggerResponse, 0).success
 shutil.copytree(folder / "map.vox", folder / "before.vox")
 loaded = call("load", LoadMapRequest, LoadMapResponse, str(folder / "before.vox"))

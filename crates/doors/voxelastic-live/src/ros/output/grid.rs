@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use voxelastic::atlas::Atlas;
 use voxelastic_ground::{GroundError, GroundTiles, Inflation, TilesCopy};
 
-/// It is made at most this often.
+/// It is made at most this often, and no more than half of the time: robots steer by it, so it has the priority of scans.
 const PERIOD: Duration = Duration::from_secs(1);
 /// Columns that are out of date are made for no longer than this at a time: a scan may wait for it.
 const SLICE: Duration = Duration::from_millis(20);
@@ -86,6 +86,8 @@ pub struct LiveGrid {
     since: Option<Instant>,
     /// When the last one was ordered.
     last: Option<Instant>,
+    /// How long it took to make the last one.
+    took: Duration,
     /// Follows the floor.
     thread: Option<Worker<Order, Made>>,
     plan: Shown,
@@ -105,6 +107,7 @@ impl LiveGrid {
             has_changed: false,
             since: None,
             last: None,
+            took: Duration::ZERO,
             thread: None,
             plan: Shown::default(),
             costs: Shown::default(),
@@ -131,6 +134,9 @@ impl LiveGrid {
             return [None, None];
         }
         let made = self.thread.as_mut().and_then(Worker::made);
+        if let (Some(_), Some(ordered)) = (&made, self.last) {
+            self.took = ordered.elapsed();
+        }
         // What was asked for is newer than what was ordered before.
         let made = self.asked.take().map(|plan| Ok((plan, None))).or(made);
         if made.is_none() {
@@ -156,8 +162,11 @@ impl LiveGrid {
 
     /// Looks up what has changed, for no longer than a scan may wait, and orders the next one.
     fn prepare(&mut self, atlas: &Atlas, robot: [f64; 3]) -> Result<(), GroundError> {
+        if atlas.submaps().is_empty() {
+            return Ok(());
+        }
         let is_busy = self.thread.as_ref().is_some_and(Worker::is_busy);
-        let is_due = self.has_changed && self.last.is_none_or(|last| last.elapsed() >= PERIOD);
+        let is_due = self.has_changed && self.last.is_none_or(|last| last.elapsed() >= PERIOD.max(2 * self.took));
         if is_busy || (self.since.is_none() && !is_due) {
             return Ok(());
         }
@@ -180,7 +189,7 @@ impl LiveGrid {
         let order = (tiles.copy(atlas), robot, Some(self.settings.inflation).filter(|_| self.costs.listeners > 0));
         let body = self.settings.body;
         let make = move |(tiles, robot, inflation): Order| FloorPlan::of(tiles, &body, robot, inflation.as_ref());
-        let start = || Worker::start("2-D map", 1, Priority::Low, make);
+        let start = || Worker::start("2-D map", 1, Priority::Usual, make);
         self.thread.get_or_insert_with(start).order(order);
         Ok(())
     }
