@@ -62,6 +62,14 @@ impl Source {
         }
     }
 
+    /// What speaks for clouds of a recording that are undistorted already, although their points have times.
+    pub fn undistorted_sign(&self) -> Option<&str> {
+        match self {
+            Self::Folder(_) => None,
+            Self::Recording(recording) => recording.undistorted_sign(),
+        }
+    }
+
     /// The usual time between the clouds of the first sensor, seconds, if a sweep can take that long.
     pub fn interval_s(&self) -> Option<f64> {
         match self {

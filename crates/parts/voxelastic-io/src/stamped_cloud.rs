@@ -7,6 +7,8 @@ use voxelastic::Cloud;
 
 /// A cloud's own stamp that differs from the time of its scan by more than this comes from another clock, seconds.
 const SAME_CLOCK_S: f64 = 1.0;
+/// Time between clouds without times, seconds: most sensors turn ten times a second.
+pub(crate) const ASSUMED_PERIOD_S: f64 = 0.1;
 /// Times between clouds that a sweep may fill, seconds: of clouds farther apart some were left out.
 const SWEEPS: [f64; 2] = [0.02, 0.3];
 /// The earliest point of a cloud that comes this share of the interval after its stamp, or more, is not of its sweep by those times: they run on from cloud to cloud.

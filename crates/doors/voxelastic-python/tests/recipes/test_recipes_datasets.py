@@ -157,6 +157,14 @@ def test_nuscenes_without_poses(nuscenes: Path, tmp_path: Path) -> None:
     assert found.median < 0.015 and found.most < 0.06 and found.complete > 0.6, said
 
 
+def test_nuscenes_with_clouds_of_two_drives(tmp_path: Path) -> None:
+    root = nuscenes_root(tmp_path / "nuscenes", 2)
+    said = voxelastic("check", root, fails=True)
+    assert "between two scans there are 9 days" in said and "a folder of each drive" in said
+    said = voxelastic("map", root, "--every", "0.4m", "-o", tmp_path / "scene.vox", *SMALL)
+    assert "they are of several drives" in said and "another drive begins: piece 2" in said
+
+
 OUSTER_2020: Fields = (
     *(("x", 0, "f4"), ("y", 0, "f4"), ("z", 0, "f4"), ("intensity", 0, "f4"), ("t", 0, "u4")),
     *(("reflectivity", 0, "u2"), ("ring", 0, "u1"), ("noise", 0, "u2"), ("range", 0, "u4")),

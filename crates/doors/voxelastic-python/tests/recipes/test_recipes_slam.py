@@ -23,6 +23,30 @@ REGISTERED: Fields = (
 """PCL's PointXYZINormal, 48 bytes, in which FAST-LIO publishes; `curvature` has milliseconds."""
 
 
+def folder_without_times(folder: Path) -> Path:
+    """Clouds whose points have times, and a pose for each, but no times of clouds."""
+    beams = spinning(HDL32, 240, by_column=True)
+    times = SWEEP_S * np.arange(100)
+    for k, time in enumerate(times):
+        points = sweep(WALK.poses, time, beams, seed=k)
+        known = np.isfinite(points[:, 0])
+        pcd(folder / "scans" / f"{k:06d}.pcd", (*XYZI[:3], ("time", 12, "f4")), xyz(points[known]) | {"time": beams.times[known]})
+    np.savetxt(folder / "poses.txt", kitti_rows(WALK.poses(times)))
+    return folder
+
+
+def test_times_of_points_without_times_of_clouds(tmp_path: Path) -> None:
+    """Nothing says when clouds were taken: surfaces tell that they are distorted, and that one sweep follows the other."""
+    folder = folder_without_times(tmp_path / "walk")
+    said = voxelastic("map", folder, "-o", tmp_path / "walk.vox", *SMALL)
+    assert "neither clouds nor poses do" in said and "one sweep after the other" in said
+    found = measured(tmp_path / "walk.vox")
+    print(f"times of points alone: {found}")
+    assert found.median < 0.01 and found.most < 0.04 and found.complete > 0.85, said
+    said = voxelastic("map", folder, "--point-times", "given", "-o", tmp_path / "given.vox", *SMALL)
+    assert "distorted or not" in said, "what is asked for is done, and said to be doubtful"
+
+
 def kiss_icp_results(folder: Path, name: str, times: Array, poses: Array) -> Path:
     """What `kiss_icp_pipeline` leaves: the folder `latest` points to the one of the run."""
     run = folder / "results" / "2026-11-29_12-00-00"
@@ -119,7 +143,11 @@ def fast_lio(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_fast_lio(fast_lio: Path, tmp_path: Path) -> None:
     """The sensor's own clouds with FAST-LIO's poses."""
-    chosen = ("--cloud-topic", "/velodyne_points", "--pose-topic", "/Odometry", "--t-base-lidar", "0 0 0.28 0 0 0 1")
+    topics = ("--cloud-topic", "/velodyne_points", "--pose-topic", "/Odometry")
+    said = voxelastic("map", fast_lio, *topics, "--every", "0.4s", "-o", tmp_path / "drive.vox", *SMALL)
+    assert said.count("no fixed transform leads from body to velodyne") == 1, said
+    assert "1 of 120 clouds have no pose" in said and "poses are there from 1700000000.100 to" in said, "the first cloud is before the first pose"
+    chosen = (*topics, "--t-base-lidar", "0 0 0.28 0 0 0 1")
     said = voxelastic("map", fast_lio, *chosen, "--every", "0.4s", "-o", tmp_path / "drive.vox", *SMALL)
     found = measured(tmp_path / "drive.vox")
     print(f"FAST-LIO, the sensor's clouds: {found}")
@@ -129,6 +157,28 @@ def test_fast_lio(fast_lio: Path, tmp_path: Path) -> None:
 def test_fast_lio_without_a_choice_is_asked(fast_lio: Path, tmp_path: Path) -> None:
     said = voxelastic("map", fast_lio, "-o", tmp_path / "drive.vox", fails=True)
     assert "--cloud-topic" in said and "/velodyne_points" in said and "/cloud_registered_body" in said
+
+
+def test_fast_lio_outputs_alone(tmp_path: Path) -> None:
+    """Clouds that are undistorted already, although their points still have times."""
+    bag = fast_lio_bag(tmp_path / "outputs.bag", sensor=False, imu=False)
+    said = voxelastic("map", bag, "--every", "0.4s", "-o", tmp_path / "drive.vox", *SMALL)
+    assert "undistorted already" in said and "curvature" in said or "registered" in said
+    found = measured(tmp_path / "drive.vox")
+    print(f"FAST-LIO, its outputs alone: {found}")
+    assert found.median < 0.01 and found.most < 0.05 and found.complete > 0.8, said
+
+
+def test_fast_lio_with_clouds_in_the_frame_of_the_map(fast_lio: Path, tmp_path: Path) -> None:
+    """They are moved back by the poses; where poses are to be estimated, the lidar would stand still in them."""
+    words = ("map", fast_lio, "--cloud-topic", "/cloud_registered")
+    said = voxelastic(*words, "--pose-topic", "/Odometry", "--every", "0.4s", "-o", tmp_path / "drive.vox", *SMALL)
+    found = measured(tmp_path / "drive.vox")
+    print(f"FAST-LIO, clouds in the frame of the map: {found}")
+    assert found.median < 0.01 and found.most < 0.05 and found.complete > 0.8, said
+    assert "they are moved back by their poses" in said
+    said = voxelastic(*words, "--slam", "-o", tmp_path / "slam.vox", fails=True)
+    assert "in them the lidar stands still" in said
 
 
 def test_fast_lio_with_its_own_clouds(fast_lio: Path, tmp_path: Path) -> None:
@@ -197,6 +247,19 @@ def test_lio_sam(lio_sam: tuple[Path, Path], tmp_path: Path) -> None:
     print(f"LIO-SAM: {found}")
     assert found.median < 0.01 and found.most < 0.04 and found.complete > 0.7, said
     assert "109 of 120 clouds have no pose" in said
+
+
+def test_lio_sam_with_clouds_that_are_distorted(lio_sam: tuple[Path, Path], tmp_path: Path) -> None:
+    """Key poses do not say how the lidar moved during a sweep."""
+    bag, loam = lio_sam
+    said = voxelastic("map", bag, "--cloud-topic", "/points_raw", "--poses", loam / "transformations.pcd", "--every", "scan", "-o", tmp_path / "walk.vox", *SMALL)
+    assert "poses are too far apart in time" in said and "--slam" in said
+
+
+def test_lio_sam_saves_no_scans(lio_sam: tuple[Path, Path], tmp_path: Path) -> None:
+    for words in ((), ("--slam",), ("--poses", lio_sam[1] / "transformations.pcd")):
+        said = voxelastic("map", lio_sam[1], *words, "-o", tmp_path / "walk.vox", fails=True)
+        assert "not scans: CornerMap.pcd, GlobalMap.pcd" in said and "--poses transformations.pcd" in said
 
 
 @pytest.fixture(scope="module")

@@ -204,10 +204,13 @@ impl OdometryStage {
         }
         self.note_motions(&step.events);
         match self.log.add(node, &step.report, cpu, warnings).map(|problem| format!("scan {name}: {problem}")) {
+            Some(problem) if matches!(step.report.status, Status::First) => {
+                warnings.add(Code::NewPiece, problem, "");
+                Ok(step.events)
+            }
             Some(problem) if step.events.is_empty() => Err(problem),
             Some(problem) => {
-                let code = if matches!(step.report.status, Status::First) { Code::NewPiece } else { Code::NotRegistered };
-                warnings.add(code, problem, "");
+                warnings.add(Code::NotRegistered, problem, "");
                 Ok(step.events)
             }
             None => Ok(step.events),

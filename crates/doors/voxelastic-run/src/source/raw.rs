@@ -48,6 +48,14 @@ impl RawSource {
         self.scans.interval_s()
     }
 
+    pub(super) fn undistorted_sign(&self) -> Option<String> {
+        self.scans.undistorted_sign().map(str::to_owned)
+    }
+
+    pub(super) fn longest_pause_s(&self) -> Option<f64> {
+        self.scans.longest_pause_s()
+    }
+
     pub(super) fn sensor(&self) -> Option<BeamModel> {
         self.scans.sensor()
     }

@@ -38,6 +38,10 @@ pub struct Sample {
     pub clouds: Vec<SampledCloud>,
     /// The usual time between clouds, seconds, where all of them are known.
     pub interval_s: Option<f64>,
+    /// What speaks for clouds that are undistorted already, although their points have times.
+    pub(super) undistorted_sign: Option<String>,
+    /// The longest time between two neighbouring scans without poses, seconds, if their times are known.
+    pub(super) longest_pause_s: Option<f64>,
 }
 
 /// What one cloud looks like.
@@ -49,12 +53,20 @@ pub struct SampledCloud {
     pub range_m: f32,
     /// The time from its first to its last point, seconds; none where points have no times.
     pub sweep_s: Option<f64>,
+    /// Whether it is known how the lidar moved meanwhile.
+    pub has_motion: bool,
 }
 
 impl Sample {
     /// The time from the first to the last point of a cloud, in the middle of all that have times, seconds.
     pub fn sweep_s(&self) -> Option<f64> {
         middle(self.clouds.iter().filter_map(|cloud| cloud.sweep_s).collect())
+    }
+
+    /// Whether there are poses, but most clouds whose points have times do not get the lidar's motion by them.
+    pub(super) fn lacks_motion(&self) -> bool {
+        let timed = || self.clouds.iter().filter(|cloud| cloud.sweep_s.is_some());
+        !self.track.is_empty() && 2 * timed().filter(|cloud| !cloud.has_motion).count() > timed().count()
     }
 
     fn add(&mut self, index: usize, cloud: &Cloud) -> CheckScan {
@@ -65,7 +77,7 @@ impl Sample {
             cloud.time.as_ref().map(|times| times.iter().fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), t| (low.min(*t), high.max(*t))));
         let sweep_s = bounds.map(|(low, high)| f64::from(high - low)).filter(|sweep| *sweep > 0.0);
         let range_m = ranges.get(ranges.len() * 95 / 100).copied().unwrap_or(0.0);
-        self.clouds.push(SampledCloud { returns: ranges.len(), range_m, sweep_s });
+        self.clouds.push(SampledCloud { returns: ranges.len(), range_m, sweep_s, has_motion: cloud.motion.is_some() });
         CheckScan::new(index, cloud)
     }
 }
@@ -78,14 +90,17 @@ impl Source {
                 RegisteredSource::Folder(folder) => of_folder(folder, times),
                 recording => of_recording(recording, times),
             },
-            Self::Raw(raw) => of_raw(self.inputs(), raw.interval_s()),
+            Self::Raw(raw) => {
+                Sample { longest_pause_s: raw.longest_pause_s(), undistorted_sign: raw.undistorted_sign(), ..of_raw(self.inputs(), raw.interval_s()) }
+            }
         }
     }
 }
 
 /// The beginning of a recording with poses.
 fn of_recording(recording: &RegisteredSource, times: usize) -> Sample {
-    let mut sample = Sample { has_times: true, interval_s: recording.interval_s(), ..Sample::default() };
+    let undistorted_sign = recording.undistorted_sign().map(str::to_owned);
+    let mut sample = Sample { has_times: true, interval_s: recording.interval_s(), undistorted_sign, ..Sample::default() };
     let mut scans = Vec::new();
     let came = recording.preview().filter_map(|event| if let Ok(Event::Scan(scan)) = event { Some(scan) } else { None });
     for scan in came.take(FROM_BEGINNING * times) {

@@ -15,6 +15,13 @@ const TELLING: usize = 40;
 /// The readings that a trial compares.
 const READINGS: [PointTimes; 3] = [PointTimes::Given, PointTimes::OverInterval, PointTimes::Undistorted];
 
+/// Scans that come after longer are of another drive, seconds: as the odometry takes them.
+const LONGEST_PAUSE_S: f64 = 600.0;
+/// Where a trial tells nothing.
+const UNTOLD: &str = "the scans do not tell, as the sensor hardly moves in them";
+/// How to take times of points as they are.
+const GIVEN: &str = "--point-times given takes the times as they are";
+
 /// A sweep that does not take as long as it takes until the next cloud comes.
 #[derive(Clone, Copy, Debug)]
 struct Misfit {
@@ -38,6 +45,7 @@ impl Source {
 
 /// Says what the times of points mean, and returns another reading of them if surfaces are sharper under it.
 pub(super) fn decide(sample: &Sample, path: &Path, options: &OpenOptions, warnings: &mut Warnings) -> Option<PointTimes> {
+    tell_pause(sample, warnings);
     let Some(sweep) = sample.sweep_s() else {
         if !sample.clouds.is_empty() {
             tracing::info!("points have no times: clouds are taken as they are, undistorted or not");
@@ -45,10 +53,35 @@ pub(super) fn decide(sample: &Sample, path: &Path, options: &OpenOptions, warnin
         return None;
     };
     tracing::info!("points have times: a sweep takes {:.1} ms", sweep * 1e3);
-    let misfit = misfit(sample)?;
-    if options.point_times != PointTimes::Undecided {
-        return None;
+    let is_undecided = options.point_times == PointTimes::Undecided;
+    if let Some(misfit) = misfit(sample) {
+        return if is_undecided { of_misfit(misfit, path, options, warnings) } else { None };
     }
+    if sample.lacks_motion() && options.point_times != PointTimes::Undistorted {
+        return without_motion(sample, path, options, warnings);
+    }
+    sample.undistorted_sign.as_ref().filter(|_| is_undecided).and_then(|sign| of_sign(sign, path, options, warnings))
+}
+
+/// Says that scans are of several drives.
+fn tell_pause(sample: &Sample, warnings: &mut Warnings) {
+    if let Some(pause) = sample.longest_pause_s.filter(|pause| *pause > LONGEST_PAUSE_S) {
+        let text = format!("between two scans there are {}: they are of several drives", duration(pause));
+        warnings.add(Code::Gap, text, "make a folder of each drive, and map the second with --into the map of the first");
+    }
+}
+
+/// A time of minutes or more, in words.
+fn duration(seconds: f64) -> String {
+    match seconds {
+        s if s < 7200.0 => format!("{:.0} minutes", s / 60.0),
+        s if s < 172_800.0 => format!("{:.0} hours", s / 3600.0),
+        s => format!("{:.0} days", s / 86_400.0),
+    }
+}
+
+/// Decides between the readings of times that contradict the interval between clouds.
+fn of_misfit(misfit: Misfit, path: &Path, options: &OpenOptions, warnings: &mut Warnings) -> Option<PointTimes> {
     tracing::info!("{misfit}: looking at the surfaces of some scans");
     let verdict = trial(path, options, &[1.0, (misfit.interval_s / misfit.sweep_s) as f32, 0.0]);
     let shown = verdict.as_ref().map(shown).unwrap_or_default();
@@ -59,11 +92,11 @@ pub(super) fn decide(sample: &Sample, path: &Path, options: &OpenOptions, warnin
                 PointTimes::OverInterval => "so a sweep is taken to last until the next cloud comes",
                 _ => "so clouds are taken to be undistorted already",
             };
-            warnings.add(Code::TimesChanged, format!("{misfit}; {shown}, {words}"), "--point-times given takes the times as they are");
+            warnings.add(Code::TimesChanged, format!("{misfit}; {shown}, {words}"), GIVEN);
             return Some(reading);
         }
         None => {
-            let why = if shown.is_empty() { "the scans do not tell which, as the sensor hardly moves in them".to_owned() } else { shown };
+            let why = if shown.is_empty() { UNTOLD.to_owned() } else { shown };
             let cause = if misfit.sweep_s > misfit.interval_s {
                 "the times are in another unit, or of several sweeps"
             } else {
@@ -76,15 +109,58 @@ pub(super) fn decide(sample: &Sample, path: &Path, options: &OpenOptions, warnin
     None
 }
 
+/// Decides where poses do not say how the lidar moved during sweeps whose points have times.
+fn without_motion(sample: &Sample, path: &Path, options: &OpenOptions, warnings: &mut Warnings) -> Option<PointTimes> {
+    let cause = if sample.has_times {
+        "points have times, but poses are too far apart in time to say how the lidar moved during a sweep"
+    } else {
+        "points have times, but neither clouds nor poses do, so that nothing says how the lidar moved during a sweep"
+    };
+    let verdict = if options.point_times == PointTimes::Undecided { trial(path, options, &[1.0, 0.0]) } else { None };
+    let shown = verdict.as_ref().map_or_else(|| UNTOLD.to_owned(), two_shown);
+    let remedy = match (verdict.and_then(|verdict| verdict.best), sample.has_times) {
+        (Some(1), _) => {
+            tracing::info!("{cause}: clouds are undistorted already, as {shown}");
+            return None;
+        }
+        (Some(_), false) => {
+            let text = format!("{cause}; {shown}, so clouds are taken to be those of one sweep after the other");
+            warnings.add(Code::TimesChanged, text, "write the time of each cloud to times.txt; --point-times undistorted takes clouds as they are");
+            return Some(PointTimes::OverInterval);
+        }
+        (Some(_), true) => "name poses of each sweep, such as those of the odometry, or let --slam estimate them",
+        (None, true) => {
+            "name poses of each sweep, such as those of the odometry, or let --slam estimate them; right with --point-times undistorted if they are undistorted already"
+        }
+        (None, false) => {
+            "write the time of each cloud to times.txt, or say --point-times over-interval where one sweep follows the other, or undistorted"
+        }
+    };
+    warnings.add(Code::DoubtfulTimes, format!("{cause}: clouds are mapped as they are, distorted or not; {shown}"), remedy);
+    None
+}
+
+/// Decides where something speaks for clouds that are undistorted already.
+fn of_sign(sign: &str, path: &Path, options: &OpenOptions, warnings: &mut Warnings) -> Option<PointTimes> {
+    let verdict = trial(path, options, &[1.0, 0.0]);
+    let shown = verdict.as_ref().map_or_else(|| UNTOLD.to_owned(), two_shown);
+    if verdict.and_then(|verdict| verdict.best) == Some(0) {
+        tracing::info!("{sign}, but clouds are not undistorted: {shown}");
+        return None;
+    }
+    warnings.add(Code::TimesChanged, format!("{sign}, so clouds are taken to be undistorted already; {shown}"), GIVEN);
+    Some(PointTimes::Undistorted)
+}
+
 /// Where nothing else is doubtful about the times of points: whether surfaces are sharper with clouds that are taken to be undistorted already. It takes as long as
 /// the odometry of some hundred scans, so a run does not look.
 pub fn check_undistorted(sample: &Sample, path: &Path, options: &OpenOptions, warnings: &mut Warnings) {
-    if sample.sweep_s().is_none() || misfit(sample).is_some() || options.point_times != PointTimes::Undecided {
+    let is_decided = misfit(sample).is_some() || sample.lacks_motion() || sample.undistorted_sign.is_some();
+    if sample.sweep_s().is_none() || is_decided || options.point_times != PointTimes::Undecided {
         return;
     }
     let Some(verdict) = trial(path, options, &[1.0, 0.0]) else { return };
-    let [as_given, undistorted] = [0, 1].map(|k| verdict.spreads[k] * 100.0);
-    let shown = format!("surfaces of {} scans are {as_given:.2} cm apart by the times of points, {undistorted:.2} cm without", verdict.scans);
+    let shown = two_shown(&verdict);
     if verdict.best == Some(1) {
         let text = format!("clouds seem to be undistorted already, although their points have times: {shown}");
         warnings.add(Code::DoubtfulTimes, text, "map with --point-times undistorted");
@@ -119,7 +195,13 @@ fn trial(path: &Path, options: &OpenOptions, factors: &[f32]) -> Option<TimesVer
     (trial.scans() > 0).then(|| trial.verdict())
 }
 
-/// What a trial has shown, in words.
+/// What a trial of two readings has shown, in words.
+fn two_shown(verdict: &TimesVerdict) -> String {
+    let [as_given, undistorted] = [0, 1].map(|k| verdict.spreads[k] * 100.0);
+    format!("surfaces of {} scans are {as_given:.2} cm apart by the times of points, {undistorted:.2} cm without", verdict.scans)
+}
+
+/// What a trial of all readings has shown, in words.
 fn shown(verdict: &TimesVerdict) -> String {
     let [given, over, none] = [0, 1, 2].map(|k| verdict.spreads[k] * 100.0);
     format!(
@@ -145,7 +227,7 @@ mod tests {
     #[test]
     fn sweeps_that_do_not_fill_the_interval_between_clouds_are_doubted() {
         let does_not_fit = |sweep_s: f64, interval_s: f64| {
-            let cloud = SampledCloud { returns: 1000, range_m: 20.0, sweep_s: Some(sweep_s) };
+            let cloud = SampledCloud { returns: 1000, range_m: 20.0, sweep_s: Some(sweep_s), has_motion: true };
             misfit(&Sample { clouds: vec![cloud; 5], interval_s: Some(interval_s), ..Sample::default() }).is_some()
         };
         for (sweep, interval) in [(0.1, 0.1), (0.098, 0.1), (0.05, 0.05), (0.1, 2.0), (0.07, 0.1)] {
@@ -154,8 +236,8 @@ mod tests {
         assert!(does_not_fit(0.2, 0.1) && does_not_fit(0.05, 0.1));
     }
 
-    /// A walk whose sweeps have times, of which `spoil` makes what it has, begun `late` seconds.
-    fn walk(dir: &Path, every: usize, moving: bool, late: f64, spoil: impl Fn(&mut voxelastic::Cloud)) {
+    /// A walk whose sweeps have times, of which `spoil` makes what it has, begun `late` seconds. Returns its poses.
+    fn walk(dir: &Path, every: usize, moving: bool, late: f64, spoil: impl Fn(&mut voxelastic::Cloud)) -> Vec<voxelastic::Pose> {
         let walk = Simulation::new(SimOptions {
             sensor: "os1-32".into(),
             columns: Some(256),
@@ -167,14 +249,16 @@ mod tests {
             ..SimOptions::of("room")
         });
         let walk = walk.unwrap();
-        let mut times = String::new();
+        let (mut times, mut poses) = (String::new(), Vec::new());
         for (k, scan) in walk.scans(PoseSource::Truth).step_by(every).enumerate() {
             let mut cloud = scan.cloud;
             spoil(&mut cloud);
             pcd::write(dir.join(format!("{k:06}.pcd")), &cloud).unwrap();
             times.push_str(&format!("{:.6}\n", 100.0 + scan.time + late));
+            poses.push(scan.t_map_lidar);
         }
         std::fs::write(dir.join("times.txt"), times).unwrap();
+        poses
     }
 
     #[test]
@@ -206,6 +290,41 @@ mod tests {
     }
 
     #[test]
+    fn where_nothing_says_how_the_lidar_moved_during_a_sweep_it_is_told() {
+        let undistorted = |cloud: &mut voxelastic::Cloud| {
+            let of = |k: usize| 0.1 * (k % cloud.width) as f32 / cloud.width as f32;
+            cloud.time = Some((0..cloud.len()).map(of).collect());
+        };
+        for (moving, point_times, expected, is_said) in [
+            (true, PointTimes::Undecided, Some(PointTimes::OverInterval), true),
+            (false, PointTimes::Undecided, None, false),
+            (true, PointTimes::Given, None, true),
+            (true, PointTimes::Undistorted, None, false),
+        ] {
+            let dir = tempfile::tempdir().unwrap();
+            let poses = walk(dir.path(), 1, moving, 0.0, |cloud| {
+                if !moving {
+                    undistorted(cloud)
+                }
+            });
+            std::fs::remove_file(dir.path().join("times.txt")).unwrap();
+            let row = |pose: &voxelastic::Pose| {
+                pose.to_homogeneous().fixed_rows::<3>(0).transpose().iter().map(f64::to_string).collect::<Vec<_>>().join(" ")
+            };
+            std::fs::write(dir.path().join("poses.txt"), poses.iter().map(|pose| row(pose) + "\n").collect::<String>()).unwrap();
+            let options = OpenOptions { point_times, ..OpenOptions::default() };
+            let open = |options: &OpenOptions| Source::open(dir.path(), options, Some(false)).unwrap().sample(1);
+            let mut warnings = Warnings::default();
+            let reading = decide(&open(&options), dir.path(), &options, &mut warnings);
+            let said: Vec<&str> = warnings.all().iter().map(|warning| warning.text.as_str()).collect();
+            assert_eq!((reading, !said.is_empty()), (expected, is_said), "{moving}, {point_times:?}: {said:?}");
+            if let Some(point_times) = reading {
+                assert!(!open(&OpenOptions { point_times, ..OpenOptions::default() }).lacks_motion());
+            }
+        }
+    }
+
+    #[test]
     fn undistorted_clouds_that_still_have_times_are_told() {
         for moving in [true, false] {
             let dir = tempfile::tempdir().unwrap();
@@ -225,7 +344,7 @@ mod tests {
     fn sweeps_are_compared_with_the_interval_of_their_own_sensor() {
         let dirs = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
         // The second sensor turns half a turn later.
-        dirs.iter().zip([0.0, 0.05]).for_each(|(dir, late)| walk(dir.path(), 1, true, late, |_| ()));
+        dirs.iter().zip([0.0, 0.05]).for_each(|(dir, late)| drop(walk(dir.path(), 1, true, late, |_| ())));
         let further = SensorFolder { path: dirs[1].path().into(), t_base_lidar: Some(voxelastic::Pose::identity()) };
         let options = OpenOptions { more_folders: vec![further], t_base_lidar: Some(voxelastic::Pose::identity()), ..OpenOptions::default() };
         let sample = Source::open(dirs[0].path(), &options, None).unwrap().sample(1);

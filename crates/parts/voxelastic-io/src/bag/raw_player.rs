@@ -94,7 +94,7 @@ impl RawPlayer {
                 *of_sensor += 1;
                 match (message.decode)() {
                     Ok(decoded) => {
-                        self.log.add(node, DeliveredScan { index: index as u64, motion: None });
+                        self.log.add(node, DeliveredScan { index: index as u64, motion: None, moved_by: None });
                         let scan = RecordedScan { index, node, time, cloud: Cloud { sensor, ..decoded.relative_to(time, sweep) }, imu: Vec::new() };
                         self.waiting.push_back((self.stream.as_ref().map_or(0.0, |stream| stream.now()), scan));
                         Polled::Nothing

@@ -4,7 +4,7 @@ use super::describe::{describe_bag, describe_capture, is_capture, summarise};
 use super::packet_topics::PacketTopics;
 use super::raw_player::{RawPlayer, RecordedScan};
 use super::stream::{BagStream, StreamTopics};
-use super::topics::{choose_clouds, choose_further_clouds, choose_imu, further_frames, mounted_beside};
+use super::topics::{choose_clouds, choose_further_clouds, choose_imu, further_frames, mounted_beside, refuse_registered};
 use crate::capture::CaptureKind;
 use crate::motion::ImuMount;
 use crate::playback::{CloudRereader, MessageStream, OpenStream, PlaybackLog};
@@ -30,6 +30,8 @@ pub(crate) struct RawRecording {
     count: Option<usize>,
     /// The usual time between the clouds of the first sensor, seconds.
     interval_s: Option<f64>,
+    /// What speaks for clouds that are undistorted already, although their points have times.
+    undistorted_sign: Option<String>,
     description: String,
     /// Where the inertial measurement unit is in the lidar frame, if one is used.
     t_lidar_imu: Option<Pose>,
@@ -65,6 +67,7 @@ impl RawRecording {
                 model: None,
                 count: None,
                 interval_s: None,
+                undistorted_sign: None,
                 description,
                 t_lidar_imu,
                 t_first_sensor: Vec::new(),
@@ -73,6 +76,7 @@ impl RawRecording {
         }
         let (files, summary) = summarise(path)?;
         let clouds = choose_clouds(&summary, path, options.cloud_topic.as_deref())?;
+        refuse_registered(&summary, path, &clouds)?;
         let further = choose_further_clouds(&summary, path, &clouds, options)?;
         let described = describe_bag(files.clone(), &summary, options)?;
         let (more, mut t_first_sensor): (Vec<String>, Vec<Pose>) = further.into_iter().unzip();
@@ -99,6 +103,7 @@ impl RawRecording {
         let interval_s = intervals.first().and_then(Interval::usual);
         let frames = further.into_iter().map(|frame| [frame.topic, frame.frame]).collect();
         let without_stamps = summary.without_stamps(topics.iter().chain(&imu));
+        let undistorted_sign = summary.undistorted_sign(&clouds);
         let description =
             super::description::without_stamps(&without_stamps).map_or(description.clone(), |note| format!("{description}\nnote: {note}"));
         let stretches_times = options.point_times == PointTimes::OverInterval;
@@ -113,7 +118,7 @@ impl RawRecording {
             ..StreamTopics::default()
         };
         let open: OpenStream = Arc::new(move || Ok(Box::new(BagStream::new(&files, topics.clone())) as Box<dyn MessageStream>));
-        Ok(Self { path: path.into(), capture: None, open, model, count, interval_s, description, t_lidar_imu, t_first_sensor, log })
+        Ok(Self { path: path.into(), capture: None, open, model, count, interval_s, undistorted_sign, description, t_lidar_imu, t_first_sensor, log })
     }
 
     /// Pose of each further sensor in the frame of the first.
@@ -134,6 +139,11 @@ impl RawRecording {
     /// The usual time between the clouds of the first sensor in the beginning, seconds, if a sweep can take that long.
     pub(crate) fn interval_s(&self) -> Option<f64> {
         self.interval_s
+    }
+
+    /// What speaks for clouds that are undistorted already, although their points have times.
+    pub(crate) fn undistorted_sign(&self) -> Option<&str> {
+        self.undistorted_sign.as_deref()
     }
 
     /// The sensor's own tables of beams, if its packets were recorded with them.

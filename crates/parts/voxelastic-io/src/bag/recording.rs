@@ -135,6 +135,14 @@ impl Recording {
         }
     }
 
+    /// What speaks for clouds that are undistorted already, although their points have times.
+    pub fn undistorted_sign(&self) -> Option<&str> {
+        match &self.input {
+            Input::Bag(chosen) => chosen.undistorted_sign.as_deref(),
+            Input::Capture(_) => None,
+        }
+    }
+
     /// Keeps only the scans for which `keep` holds, by their index among those taken so far. Indices start anew in each call of
     /// [`events`](Self::events).
     pub fn retain(&mut self, keep: impl Fn(usize) -> bool + Send + Sync + 'static) {
@@ -221,7 +229,7 @@ impl Recording {
                     packets,
                     intervals,
                     stretches_times,
-                    tells_misfits: false,
+                    are_unexamined: false,
                     without_stamps,
                 };
                 Arc::new(move || Ok(Box::new(BagStream::new(&files, topics.clone())) as Box<dyn MessageStream>))
@@ -237,7 +245,7 @@ impl Recording {
         let poses = match (&self.given, &self.input) {
             (Some(track), _) => PoseSource::File(track.clone()),
             (None, Input::Bag(ChosenTopics { poses: Some((_, TopicRole::Transforms)), .. })) => PoseSource::Transforms,
-            (None, _) => PoseSource::Topic { track: PoseTrack::default(), child: String::new() },
+            (None, _) => PoseSource::of_topic(),
         };
         let mounts = match &self.input {
             Input::Bag(chosen) => chosen.mounts(&self.options),

@@ -8,12 +8,12 @@ use crate::Result;
 use crate::capture::{PacketScans, PacketSensor, message as cloud_message};
 use crate::motion::PoseTrack;
 use crate::playback::{CloudMessage, MessageStream, SensorMessage};
-use crate::points::is_time;
+use crate::points::{is_time, undistorted_sign};
 use crate::stamped_cloud::{Interval, StampedCloud, SweepTime};
 use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, VecDeque};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, Once};
 use voxelastic::motion::ImuSample;
 
 /// A message with its topic and file.
@@ -85,8 +85,8 @@ pub(super) struct StreamTopics {
     pub(super) intervals: Vec<Interval>,
     /// Further sensors that publish to a topic of the clouds: the topic, and the frame of their clouds.
     pub(super) frames: Vec<[String; 2]>,
-    /// Whether it is said if times of points contradict the interval between clouds, because nobody looks at some of them first.
-    pub(super) tells_misfits: bool,
+    /// Whether nobody looks at some of the clouds first: what is doubtful about the times of their points is said as they come.
+    pub(super) are_unexamined: bool,
     /// Whether times of points are stretched over the interval between clouds.
     pub(super) stretches_times: bool,
     /// Topics whose messages have time stamps of zero: the times at which they were recorded are taken.
@@ -217,16 +217,22 @@ impl SensorMessages {
         if message.role.is_cloud() {
             let header = decoder.header()?;
             // What is wrong with the rest of it is reported when it is decoded.
-            let has_times = decoder.cloud_fields(message.role).map_or(true, |fields| fields.iter().any(|name| is_time(name)));
+            let fields = decoder.cloud_fields(message.role);
+            let sign = fields.as_ref().ok().filter(|_| self.topics.are_unexamined).and_then(|fields| undistorted_sign(&message.topic.name, fields));
+            let has_times = sign.is_none() && fields.map_or(true, |fields| fields.iter().any(|name| is_time(name)));
             let time = self.topics.time(&message, header.time);
             let bytes = message.message.data.len();
             let sensor = self.topics.sensor(&message.topic.name, &header.frame);
             self.check_frame(sensor, &message.topic.name, &header.frame);
             let intervals = self.intervals.entry(sensor).or_default();
             let interval_s = intervals.after(time);
-            let watched = intervals.settled().filter(|_| self.topics.tells_misfits);
+            let watched = intervals.settled().filter(|_| self.topics.are_unexamined);
             let decode = Box::new(move || {
-                let cloud = message.cloud()?;
+                let mut cloud = message.cloud()?;
+                if let Some(sign) = sign {
+                    tell_undistorted(&sign);
+                    cloud.cloud.time = None;
+                }
                 watched.iter().for_each(|interval_s| cloud.tell_misfit(*interval_s));
                 Ok(cloud)
             });
@@ -273,6 +279,12 @@ impl BagStream {
     pub(super) fn new(files: &[PathBuf], topics: StreamTopics) -> Self {
         Self { files: MessageReader::new(files), messages: SensorMessages::new(topics), now: 0.0 }
     }
+}
+
+/// Says once why clouds whose points have times are not undistorted.
+fn tell_undistorted(sign: &str) {
+    static SAID: Once = Once::new();
+    SAID.call_once(|| tracing::warn!("{sign}: clouds are taken to be undistorted already; --point-times given takes the times as they are"));
 }
 
 /// Whether the transforms of a topic hold at all times.

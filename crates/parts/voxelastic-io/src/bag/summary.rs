@@ -5,7 +5,8 @@ use super::containers::open::open;
 use super::messages::topic_role::TopicRole;
 use super::stream::{MessageReader, is_static};
 use crate::Result;
-use crate::motion::TransformTree;
+use crate::motion::{TransformTree, is_map};
+use crate::points::undistorted_sign;
 use crate::stamped_cloud::Interval;
 use std::collections::HashMap;
 use std::path::PathBuf;
@@ -77,6 +78,8 @@ pub(super) struct RecordingSummary {
     pub(super) cloud_topics: HashMap<String, CloudTopic>,
     /// Frames of the topics of inertial measurement units.
     pub(super) imu_frames: HashMap<String, String>,
+    /// The frames of maps that poses are in, by their topics.
+    pub(super) pose_frames: HashMap<String, String>,
     /// Messages with a header of each topic at the beginning, and how many of them have a time stamp.
     stamps: HashMap<String, [usize; 2]>,
     /// The transforms at the beginning.
@@ -125,6 +128,7 @@ impl RecordingSummary {
             times: None,
             cloud_topics: HashMap::new(),
             imu_frames: HashMap::new(),
+            pose_frames: HashMap::new(),
             stamps: HashMap::new(),
             tree: TransformTree::default(),
             notes: Vec::new(),
@@ -190,6 +194,12 @@ impl RecordingSummary {
                     let fields = decoder.cloud_fields(role).unwrap_or_default();
                     (CloudTopic { frame: header.frame.clone(), fields, ..CloudTopic::default() }, header)
                 }),
+                TopicRole::Odometry | TopicRole::PoseStamped => {
+                    for pose in decoder.poses(message.role).unwrap_or_default().into_iter().filter(|pose| is_map(&pose.parent, &pose.child)) {
+                        self.pose_frames.entry(message.topic.name.clone()).or_insert(pose.parent);
+                    }
+                    None
+                }
                 TopicRole::Imu => {
                     if let Ok(header) = decoder.header() {
                         self.imu_frames.entry(message.topic.name.clone()).or_insert(header.frame);
@@ -237,6 +247,17 @@ impl RecordingSummary {
     pub(super) fn without_stamps<'a>(&self, topics: impl IntoIterator<Item = &'a String>) -> Vec<String> {
         let has_none = |name: &&String| self.stamps.get(*name).is_some_and(|[all, stamped]| *all > 1 && *stamped == 0);
         topics.into_iter().filter(has_none).cloned().collect()
+    }
+
+    /// What speaks for clouds of a topic that are undistorted already, although their points have times.
+    pub(super) fn undistorted_sign(&self, topic: &str) -> Option<String> {
+        undistorted_sign(topic, &self.cloud_topics.get(topic)?.fields)
+    }
+
+    /// A topic whose poses are in this frame: clouds of the frame were moved into it by an odometry.
+    pub(super) fn registered_by(&self, frame: &str) -> Option<&str> {
+        let topics = self.pose_frames.iter().filter(|(_, of_poses)| *of_poses == frame);
+        topics.map(|(topic, _)| topic.as_str()).min()
     }
 
     /// Number of messages of a topic, if it is known.

@@ -4,15 +4,13 @@ use super::messages::topic_role::TopicRole;
 use super::packet_topics::PacketTopics;
 use super::stream::is_static;
 use super::summary::{CloudTopic, FurtherFrame, RecordingSummary};
+use crate::motion::MAP_FRAMES;
 use crate::playback::SensorMounts;
 use crate::points::is_time;
 use crate::stamped_cloud::Interval;
 use crate::{Error, OpenOptions, Result};
 use std::path::Path;
 use voxelastic::Pose;
-
-/// Frames of clouds that have been transformed into the map frame.
-const MAP_FRAMES: [&str; 5] = ["map", "odom", "world", "camera_init", "global"];
 
 /// The chosen topics.
 #[derive(Clone, Debug)]
@@ -30,6 +28,8 @@ pub(super) struct ChosenTopics {
     /// How often clouds of each sensor come.
     pub(super) intervals: Vec<Interval>,
     pub(super) without_stamps: Vec<String>,
+    /// What speaks for clouds of the first topic that are undistorted already, although their points have times.
+    pub(super) undistorted_sign: Option<String>,
     /// What was decided about several sensors.
     pub(super) remark: Option<String>,
 }
@@ -99,7 +99,8 @@ pub(super) fn choose(summary: &RecordingSummary, path: &Path, options: &OpenOpti
     let frames = further.into_iter().map(|frame| [frame.topic, frame.frame]).collect();
     let with_headers = clouds.iter().chain(poses.iter().filter(|(_, role)| *role != TopicRole::Path).map(|(name, _)| name));
     let without_stamps = summary.without_stamps(with_headers);
-    Ok(ChosenTopics { intervals, without_stamps, clouds, frames, poses, first_frame, packets, remark })
+    let undistorted_sign = summary.undistorted_sign(&clouds[0]);
+    Ok(ChosenTopics { intervals, without_stamps, undistorted_sign, clouds, frames, poses, first_frame, packets, remark })
 }
 
 /// The sensors that publish clouds to these topics beside the first of each.
@@ -162,7 +163,7 @@ pub(super) fn choose_clouds(summary: &RecordingSummary, path: &Path, requested: 
         return Err(Error::dataset(path, "no clouds in it", remedy));
     }
     let cloud_topic = |name: &str| summary.cloud_topics.get(name).cloned().unwrap_or_default();
-    let in_map = |g: &CloudTopic| MAP_FRAMES.contains(&g.frame.as_str());
+    let in_map = |g: &CloudTopic| summary.registered_by(&g.frame).is_some() || MAP_FRAMES.contains(&g.frame.as_str());
     let raw: Vec<&String> = all.iter().map(|(name, _)| name).filter(|name| !in_map(&cloud_topic(name))).collect();
     let timed: Vec<&String> = raw.iter().copied().filter(|name| cloud_topic(name).fields.iter().any(|f| is_time(f))).collect();
     match (all.as_slice(), raw.as_slice(), timed.as_slice()) {
@@ -170,6 +171,22 @@ pub(super) fn choose_clouds(summary: &RecordingSummary, path: &Path, requested: 
         (_, [one], _) | (_, _, [one]) => Ok((*one).clone()),
         _ => Err(Error::Ambiguous { path: path.into(), what: "topics of clouds", flag: "--cloud-topic", choices: names() }),
     }
+}
+
+/// Refuses clouds that were moved into the map by poses, where poses are to be estimated: in them the lidar stands still.
+///
+/// # Errors
+/// [`Error::Dataset`] if the frame of the clouds is the one that poses of the recording are in.
+pub(super) fn refuse_registered(summary: &RecordingSummary, path: &Path, clouds: &str) -> Result<()> {
+    let Some((topic, by)) = summary.cloud_topics.get(clouds).and_then(|topic| Some((topic, summary.registered_by(&topic.frame)?))) else {
+        return Ok(());
+    };
+    let problem = format!(
+        "clouds of {clouds} are in {}, the frame that the poses of {by} are in: by these they were moved, and in them the lidar stands still",
+        topic.frame
+    );
+    let remedy = format!("map them with those poses (--pose-topic {by}, without --slam), or choose the sensor's own clouds with --cloud-topic");
+    Err(Error::dataset(path, problem, remedy))
 }
 
 /// The topics of further sensors whose poses are estimated, with the pose of each in the frame of the first: as the user says, else by fixed transforms.

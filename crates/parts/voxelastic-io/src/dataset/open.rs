@@ -16,7 +16,7 @@ use crate::dumps::{self, Dump};
 use crate::folders::name_of;
 use crate::motion::PoseTrack;
 use crate::scan_list::{ScanEdges, ScanEntry, select};
-use crate::stamped_cloud::{Interval, SweepTime};
+use crate::stamped_cloud::{ASSUMED_PERIOD_S, Interval, SweepTime};
 use crate::{Error, OpenOptions, PointTimes, PoseFormat, Result, Trajectory, g2o, poses};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -41,6 +41,7 @@ pub fn open(path: impl AsRef<Path>, options: &OpenOptions) -> Result<Dataset> {
 /// Opens the folder of one sensor.
 fn open_one(path: &Path, options: &OpenOptions) -> Result<Dataset> {
     check_options(path, options)?;
+    dumps::refuse_maps(path)?;
     if options.poses.is_none()
         && let Some(dump) = dumps::find(path)?
     {
@@ -104,7 +105,14 @@ fn open_folder(path: &Path, options: &OpenOptions) -> Result<Dataset> {
     description.notes.extend(note);
     description.ground_truth = truth.as_ref().filter(|truth| truth.path != pose_file.path).map(|truth| name_of(&truth.path));
 
-    let all = entries(clouds, &matched, &nodes);
+    let mut all = entries(clouds, &matched, &nodes);
+    let has_times = times.of_clouds.is_some() || trajectory.times.is_some();
+    // Where nothing says when clouds were taken, they can be those of one sweep after the other.
+    let follow = !has_times && options.point_times == PointTimes::OverInterval;
+    if follow {
+        all.iter_mut().for_each(|scan| scan.time *= ASSUMED_PERIOD_S);
+        description.notes.push("clouds are taken to be those of one sweep after the other, ten a second".to_owned());
+    }
     let as_matched: Vec<(f64, Pose)> = all.iter().map(|s| (s.time, s.t_map_lidar)).collect();
     let all = shifted(all, &pose_track(&trajectory, &as_matched), &options.pose_change);
     let stamped: Vec<(f64, Pose)> = all.iter().map(|s| (s.time, s.t_map_lidar)).collect();
@@ -115,11 +123,11 @@ fn open_folder(path: &Path, options: &OpenOptions) -> Result<Dataset> {
     if let Some((file, graph)) = &graph {
         description.graph(file, graph, &edges);
     }
-    let has_times = times.of_clouds.is_some() || trajectory.times.is_some();
+    let has_times = has_times || follow;
     let track = (options.point_times != PointTimes::Undistorted && has_times)
         .then(|| Arc::new(pose_track(&trajectory.earlier(options.pose_change.seconds), &stamped)));
     let (t_base_lidar, pose_change) = (options.t_base_lidar, options.pose_change);
-    let of_poses: Option<Vec<f64>> = trajectory.times.is_some().then(|| stamped.iter().map(|(time, _)| *time).collect());
+    let of_poses: Option<Vec<f64>> = (trajectory.times.is_some() || follow).then(|| stamped.iter().map(|(time, _)| *time).collect());
     let sweeps = sweep_time(times.of_clouds.as_deref().or(of_poses.as_deref()), options);
     let context = SnapshotContext { t_base_lidar, pose_change, nodes, times: times.of_clouds, sweeps, has_times, track, further: Vec::new() };
     // Snapshots correct an estimate. The ground truth needs no corrections.

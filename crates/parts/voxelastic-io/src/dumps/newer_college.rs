@@ -3,7 +3,7 @@
 //! ```text
 //! 01_short_experiment/
 //!   raw_format/ouster_scan/cloud_<sec>_<nsec>.pcd   clouds, lidar frame; also in ouster_zip_files/ there, or in ouster_scan/
-//!   ground_truth/registered_poses.csv               sec,nsec,x,y,z,qx,qy,qz,qw: poses of the left camera
+//!   ground_truth/registered_poses.csv               sec,nsec,x,y,z,qx,qy,qz,qw, or sec x y z qx qy qz qw: poses of the left camera
 //! ```
 //!
 //! Layout, and the lidar's pose relative to the camera, as KISS-ICP's `datasets/ncd.py` reads it.
@@ -11,7 +11,7 @@
 use super::dump::Dump;
 use crate::file_names::stamp;
 use crate::motion::{LONGEST_GAP_S, PoseTrack};
-use crate::{Error, PoseFormat, Result, poses, text};
+use crate::{Error, Result, poses};
 use nalgebra::{Quaternion, UnitQuaternion};
 use std::path::{Path, PathBuf};
 use voxelastic::Pose;
@@ -24,7 +24,8 @@ pub(super) fn find(path: &Path) -> Result<Option<Dump>> {
     let folder =
         ["raw_format/ouster_scan", "raw_format/ouster_zip_files/ouster_scan", "ouster_scan"].map(|f| path.join(f)).into_iter().find(|f| f.is_dir());
     let (true, Some(folder)) = (file.is_file(), folder) else { return Ok(None) };
-    let trajectory = poses::parse(&text::read(&file)?, &file, PoseFormat::NEWER_COLLEGE)?;
+    // Some sequences have seconds with decimals instead, between spaces.
+    let trajectory = poses::read(&file)?;
     let mut track = PoseTrack::default();
     trajectory.times.iter().flatten().zip(trajectory.poses).for_each(|(time, pose)| track.add(*time, pose));
     let entries = std::fs::read_dir(&folder).map_err(|e| Error::io(&folder, "list", e))?;

@@ -35,6 +35,11 @@ impl PoseTrack {
         Self { times, poses: self.poses.iter().map(|pose| change.apply(pose)).collect() }
     }
 
+    /// Times of the first and the last pose.
+    pub(crate) fn span(&self) -> Option<[f64; 2]> {
+        Some([*self.times.front()?, *self.times.back()?])
+    }
+
     /// Time of the last pose.
     pub(crate) fn newest(&self) -> Option<f64> {
         self.times.back().copied()

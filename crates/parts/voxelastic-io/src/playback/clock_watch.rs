@@ -79,7 +79,6 @@ mod tests {
     use super::super::pose_lookup::{PoseSource, SensorMounts};
     use super::super::{Corrections, PlaybackLog, Selection};
     use super::*;
-    use crate::motion::PoseTrack;
     use crate::scan_list::{KeyframeFilter, Keyframing};
     use crate::stamped_cloud::{StampedCloud, SweepTime};
     use std::sync::Arc;
@@ -125,7 +124,7 @@ mod tests {
     /// Where the scans are.
     fn places(messages: Vec<SensorMessage>) -> Vec<f64> {
         let by_transforms = messages.iter().any(|message| matches!(message, SensorMessage::Transform { .. }));
-        let track = PoseSource::Topic { track: PoseTrack::default(), child: String::new() };
+        let track = PoseSource::of_topic();
         let options = PlayerOptions {
             path: "recording".into(),
             poses: if by_transforms { PoseSource::Transforms } else { track },

@@ -13,6 +13,8 @@ pub(crate) struct DeliveredScan {
     /// Index among all clouds of the recording.
     pub(crate) index: u64,
     pub(crate) motion: Option<Motion>,
+    /// Where the lidar was, if the cloud has been moved into the frame of the poses: what takes it back.
+    pub(crate) moved_by: Option<Pose>,
 }
 
 /// The pose that a scan came with, before any correction.

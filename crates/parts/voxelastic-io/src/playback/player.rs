@@ -7,7 +7,7 @@ use super::playback_log::{DeliveredScan, PlaybackLog, ReportedPose};
 use super::pose_lookup::{PoseLookup, PoseSource, SensorMounts};
 use super::robot_mounts::RobotMounts;
 use super::selection::Selection;
-use crate::motion::{PoseTrack, sweep_motion, time_span};
+use crate::motion::{PoseTrack, sweep_motion, take_back, time_span};
 use crate::scan_list::{Continuation, KeyframeFilter, NODES_OF_SENSOR, ScanEdges, ScanEntry};
 use crate::{Error, Result};
 use std::collections::{BTreeMap, HashMap, HashSet, VecDeque};
@@ -242,9 +242,11 @@ impl Player {
             Ok(decoded) => {
                 let mut cloud = decoded.relative_to(entry.time, sweep);
                 cloud.sensor = sensor;
+                let moved_by = self.poses.is_registered(&frame).then_some(entry.t_map_lidar);
+                moved_by.iter().for_each(|t_map_lidar| take_back(&mut cloud, t_map_lidar));
                 cloud.motion = self.motion(&cloud, &entry, &frame);
                 let t_child_lidar = self.poses.t_child_lidar(&frame, sensor);
-                self.log.add(entry.node, DeliveredScan { index, motion: cloud.motion.clone() });
+                self.log.add(entry.node, DeliveredScan { index, motion: cloud.motion.clone(), moved_by });
                 self.deliver(entry, cloud, t_child_lidar);
             }
             Err(error) => self.ready.push_back(Err(error)),
@@ -378,13 +380,18 @@ impl Player {
     fn report_without_pose(&mut self) {
         let (count, first) = std::mem::take(&mut self.without_pose);
         if count > 0 {
+            // Who takes the error counts one with it.
+            self.log.without_pose.fetch_sub(1, Ordering::Relaxed);
             let problem = format!("{count} of {} clouds have no pose, the first at {first:.3} s", self.clouds);
             let (problem, remedy) = match self.reason.take() {
                 Some(reason) => (
                     format!("{problem}: {reason}"),
                     "give the missing transform with --t-base-lidar and a topic of poses (--pose-topic), or other poses with --poses",
                 ),
-                None => (problem, "they lie before, after or between the poses: choose others with --pose-topic or --poses"),
+                None => {
+                    let span = self.poses.span().map_or(String::new(), |[first, last]| format!("; poses are there from {first:.3} to {last:.3} s"));
+                    (problem + &span, "they lie before, after or between the poses: choose others with --pose-topic or --poses")
+                }
             };
             self.ready.push_back(Err(Error::dataset(&self.path, problem, remedy)));
         }

@@ -1,8 +1,9 @@
 //! The lidar's pose at a time, from any of the sources of poses that recordings have.
 
 use super::message_stream::SensorMessage;
-use crate::motion::{LONGEST_GAP_S, PoseTrack, TransformTree};
+use crate::motion::{LONGEST_GAP_S, PoseTrack, TransformTree, is_map, tell_registered};
 use std::collections::BTreeMap;
+use std::sync::Once;
 use voxelastic::Pose;
 use voxelastic::geometry::{PoseChange, PoseExt};
 
@@ -10,10 +11,17 @@ use voxelastic::geometry::{PoseChange, PoseExt};
 pub(crate) enum PoseSource {
     /// From a file: all are known from the start.
     File(PoseTrack),
-    /// From messages of a topic, with the frame of the last one.
-    Topic { track: PoseTrack, child: String },
+    /// From messages of a topic, with the frames of the last one: that which the poses are in, and that which they are of.
+    Topic { track: PoseTrack, parent: String, child: String },
     /// From the transform tree.
     Transforms,
+}
+
+impl PoseSource {
+    /// Messages of a topic that have not come yet.
+    pub(crate) fn of_topic() -> Self {
+        Self::Topic { track: PoseTrack::default(), parent: String::new(), child: String::new() }
+    }
 }
 
 /// Where the sensors are on the vehicle, as far as it is known before anything is played.
@@ -61,21 +69,26 @@ pub(crate) struct PoseLookup {
     change: PoseChange,
     /// How far in time a pose may be from its scan, seconds.
     tolerance_s: f64,
+    /// Times of the first and the last pose of a topic or a file so far, seconds.
+    span: Option<[f64; 2]>,
 }
 
 impl PoseLookup {
     pub(crate) fn new(source: PoseSource, mounts: SensorMounts, change: PoseChange, tolerance_s: f64) -> Self {
-        Self { source, tree: TransformTree::default(), mounts, t_child_lidar: BTreeMap::new(), change, tolerance_s }
+        let span = if let PoseSource::File(track) = &source { track.span() } else { None };
+        Self { source, tree: TransformTree::default(), mounts, t_child_lidar: BTreeMap::new(), change, tolerance_s, span }
     }
 
     /// Adds a pose or transform; other messages are ignored.
     pub(super) fn add(&mut self, message: SensorMessage) {
         match message {
             SensorMessage::Transform { time, parent, child, pose, is_fixed } => self.tree.add(&parent, &child, time, pose, is_fixed),
-            SensorMessage::Pose { time, child: frame, pose, .. } => {
-                if let PoseSource::Topic { track, child } = &mut self.source {
-                    track.add(time - self.change.seconds, self.change.apply(&pose));
-                    *child = frame;
+            SensorMessage::Pose { time, parent: within, child: of, pose, .. } => {
+                if let PoseSource::Topic { track, parent, child } = &mut self.source {
+                    let time = time - self.change.seconds;
+                    track.add(time, self.change.apply(&pose));
+                    self.span = Some(self.span.map_or([time; 2], |[first, last]| [first.min(time), last.max(time)]));
+                    (*parent, *child) = (within, of);
                 }
             }
             SensorMessage::ClockJump => self.forget(),
@@ -89,6 +102,11 @@ impl PoseLookup {
         if let PoseSource::Topic { track, .. } = &mut self.source {
             *track = PoseTrack::default();
         }
+    }
+
+    /// Times of the first and the last pose of a topic or a file so far, seconds.
+    pub(super) fn span(&self) -> Option<[f64; 2]> {
+        self.span
     }
 
     /// Time up to which the poses of `frame` are known; `None` if there are none yet.
@@ -118,17 +136,23 @@ impl PoseLookup {
         is_apart.then(|| format!("nothing in /tf leads from {frame} to a frame that moves; the frames are: {}", self.tree.drawing()))
     }
 
+    /// Whether clouds of this frame are in the one that the poses are in: an odometry has moved their points already.
+    pub(super) fn is_registered(&self, frame: &str) -> bool {
+        matches!(&self.source, PoseSource::Topic { parent, child, .. } if parent == frame && is_map(parent, child))
+    }
+
     /// Whether it is known where the lidar is on what the poses are of. The transform that says so may come after the first scan: over a network, nothing comes in order.
     pub(super) fn is_mounted(&self, frame: &str, sensor: u16) -> bool {
         let PoseSource::Topic { child, .. } = &self.source else { return true };
         let is_further = sensor > 0 && !self.mounts.is_live;
-        let is_known = is_further || self.known(frame, sensor).is_some() || self.mounts.given(sensor).is_some();
+        let is_known = is_further || self.known(frame, sensor).is_some() || self.mounts.given(sensor).is_some() || self.is_registered(frame);
         is_known || child.is_empty() || child == frame || self.tree.fixed(child, frame).is_some()
     }
 
     /// What is missing before a lidar of a robot has a pose: a transform, with the frames that are known.
     pub(super) fn missing(&self, frame: &str, sensor: u16) -> Option<String> {
         if let PoseSource::Topic { child, .. } = &self.source
+            && self.mounts.is_live
             && !self.is_mounted(frame, sensor)
         {
             return Some(format!("no fixed transform leads from {child} to {frame}; the transforms are: {}", self.tree.drawing()));
@@ -172,7 +196,10 @@ impl PoseLookup {
             return Some(found);
         }
         let child = if let PoseSource::Topic { child, .. } = &self.source { child.clone() } else { String::new() };
-        let found = if sensor == 0 {
+        let found = if self.is_registered(frame) {
+            tell_registered(frame, &child);
+            self.mounts.given(sensor).unwrap_or_default()
+        } else if sensor == 0 {
             mounting(&self.tree, &child, frame, self.mounts.given(0))
         } else if let Some(given) = self.mounts.given(sensor) {
             given
@@ -213,7 +240,12 @@ fn mounting(tree: &TransformTree, child: &str, lidar: &str, given: Option<Pose>)
         return Pose::identity();
     }
     tree.fixed(child, lidar).unwrap_or_else(|| {
-        tracing::warn!("no fixed transform leads from {child} to {lidar}: the poses are taken as those of the lidar (--t-base-lidar says otherwise)");
+        static SAID: Once = Once::new();
+        SAID.call_once(|| {
+            tracing::warn!(
+                "no fixed transform leads from {child} to {lidar}: the poses are taken as those of the lidar (--t-base-lidar says otherwise)"
+            )
+        });
         Pose::identity()
     })
 }

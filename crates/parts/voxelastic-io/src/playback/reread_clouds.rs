@@ -2,6 +2,7 @@
 
 use super::message_stream::{MessageStream, OpenStream, SensorMessage};
 use super::playback_log::{DeliveredScan, PlaybackLog};
+use crate::motion::take_back;
 use std::error::Error;
 use std::sync::Arc;
 use voxelastic::Cloud;
@@ -24,7 +25,7 @@ impl CloudRereader {
 
 impl ScanSource for CloudRereader {
     fn cloud(&mut self, node: NodeId) -> Result<Cloud, Box<dyn Error + Send + Sync>> {
-        let DeliveredScan { index, motion } = self.log.delivered(node).ok_or("no scan of the recording belongs to it")?;
+        let DeliveredScan { index, motion, moved_by } = self.log.delivered(node).ok_or("no scan of the recording belongs to it")?;
         let (mut stream, mut next) = match self.stream.take() {
             Some((stream, next)) if next <= index => (stream, next),
             _ => ((self.open)()?, 0),
@@ -36,7 +37,9 @@ impl ScanSource for CloudRereader {
             if next > index {
                 let decoded = (cloud.decode)()?;
                 self.stream = Some((stream, next));
-                return Ok(Cloud { motion, sensor: cloud.sensor, ..decoded.relative_to(cloud.time, cloud.sweep) });
+                let mut read = Cloud { motion, sensor: cloud.sensor, ..decoded.relative_to(cloud.time, cloud.sweep) };
+                moved_by.iter().for_each(|t_map_lidar| take_back(&mut read, t_map_lidar));
+                return Ok(read);
             }
         }
         Err("the recording ends before it".into())

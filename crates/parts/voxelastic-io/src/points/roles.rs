@@ -20,6 +20,20 @@ pub(crate) fn is_time(name: &str) -> bool {
     TIME.iter().any(|t| name.eq_ignore_ascii_case(t)) || is_about_time(name)
 }
 
+/// Words in the names of topics whose clouds an odometry has undistorted.
+const UNDISTORTED: [&str; 4] = ["registered", "deskew", "undistort", "compensated"];
+
+/// What speaks for clouds that are undistorted already, although their points have times: the topic's name, or the field that the times are in.
+pub(crate) fn undistorted_sign(topic: &str, fields: &[String]) -> Option<String> {
+    let mut times = fields.iter().filter(|name| is_time(name)).peekable();
+    times.peek()?;
+    let lower = topic.to_ascii_lowercase();
+    if UNDISTORTED.iter().any(|word| lower.contains(word)) {
+        return Some(format!("the topic is called {topic}"));
+    }
+    times.all(|name| name.eq_ignore_ascii_case(CURVATURE)).then(|| format!("the times of {topic} are in {CURVATURE}, where an odometry keeps them"))
+}
+
 fn is_about_time(name: &str) -> bool {
     let name = name.to_ascii_lowercase();
     ["time", "stamp"].iter().any(|word| name.contains(word)) || ["ts", "dt", "t_offset", "offset_t"].contains(&name.as_str())

@@ -5,14 +5,11 @@ use crate::clouds::CloudFormat;
 use crate::dumps;
 use crate::folders::{CloudFolder, ScanTimes, find_clouds, has_extension, list, match_times, name_of, read_scan_times, scan_numbers, stem_of};
 use crate::scan_list::{NODES_OF_SENSOR, read_scan};
-use crate::stamped_cloud::{Interval, SweepTime};
+use crate::stamped_cloud::{ASSUMED_PERIOD_S, Interval, SweepTime};
 use crate::{Error, PointTimes, Result, SensorFolder, poses};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use voxelastic::event::NodeId;
-
-/// Assumed time between scans without times, seconds.
-const ASSUMED_PERIOD_S: f64 = 0.1;
 
 /// A scan whose cloud has not been decoded.
 #[derive(Clone, Debug)]
@@ -31,6 +28,11 @@ pub(super) struct RawScan {
 }
 
 impl RawScan {
+    /// Seconds, if known from files or names.
+    pub(super) fn time(&self) -> Option<f64> {
+        self.time
+    }
+
     /// The cloud's file.
     pub(super) fn path(&self) -> &Path {
         &self.path
@@ -92,6 +94,7 @@ pub(super) fn read_folder(path: &Path, times: PointTimes) -> Result<(Vec<RawScan
         let problem = "a file of laser scans, each from another position: not a sequence";
         return Err(Error::dataset(path, problem, "map it with the poses that it holds"));
     }
+    dumps::refuse_maps(path)?;
     match find_clouds(path) {
         Ok(folder) => of_clouds(path, folder, times),
         // Dumps keep each cloud in a folder of its own.

@@ -118,6 +118,18 @@ impl RawScans {
         }
     }
 
+    /// What speaks for clouds of a recording that are undistorted already, although their points have times.
+    pub fn undistorted_sign(&self) -> Option<&str> {
+        if let Input::Recording(recording) = &self.input { recording.undistorted_sign() } else { None }
+    }
+
+    /// The longest time between two neighbouring scans of a folder, seconds, if their times are known before they are read.
+    pub fn longest_pause_s(&self) -> Option<f64> {
+        let Input::Folder(scans, _) = &self.input else { return None };
+        let times: Option<Vec<f64>> = scans.iter().map(RawScan::time).collect();
+        times?.windows(2).map(|pair| pair[1] - pair[0]).max_by(f64::total_cmp)
+    }
+
     /// The sensor's own tables of beams, if the data contain them: those of an Ouster's packets.
     pub fn sensor(&self) -> Option<BeamModel> {
         match &self.input {

@@ -64,7 +64,7 @@ impl LiveTopics {
         }
         let stretches_times = options.point_times == PointTimes::OverInterval;
         let mut stream =
-            StreamTopics { clouds, stretches_times, tells_misfits: options.point_times == PointTimes::Undecided, ..StreamTopics::default() };
+            StreamTopics { clouds, stretches_times, are_unexamined: options.point_times == PointTimes::Undecided, ..StreamTopics::default() };
         let mut by_transforms = false;
         if estimates_poses {
             stream.imu = choose_imu(&summary, path, options)?;

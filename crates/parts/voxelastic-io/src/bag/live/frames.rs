@@ -31,8 +31,9 @@ pub struct LiveFrames {
 struct Names {
     /// Of the clouds.
     lidar: Option<String>,
-    /// That the poses of a topic are in.
+    /// That the poses of a topic are in, and that which they are of.
     poses: Option<String>,
+    body: Option<String>,
     tree: TransformTree,
     /// Of a simulation, seconds.
     clock: Option<f64>,
@@ -40,6 +41,14 @@ struct Names {
     published: HashMap<String, VecDeque<f64>>,
     /// A transform of such a frame that somebody else has published, and when it came.
     rival: Option<([String; 2], Instant)>,
+}
+
+impl Names {
+    /// The frame that clouds are mapped in: their own, or, where an odometry has moved them into the frame of its poses, that of the body.
+    fn lidar(&self) -> Option<&String> {
+        let body = self.body.as_ref().filter(|body| !body.is_empty() && self.lidar == self.poses);
+        body.or(self.lidar.as_ref())
+    }
 }
 
 /// A transform that is this much older than the last of its frame, seconds, is of a clock that went back.
@@ -67,10 +76,13 @@ impl LiveFrames {
         }
     }
 
-    pub(super) fn set_poses(&self, parent: &str) {
+    pub(super) fn set_poses(&self, parent: &str, child: &str) {
         let mut names = self.names();
-        if names.poses.as_deref() != Some(parent) {
-            names.poses = Some(parent.to_owned());
+        let Names { poses, body, .. } = &mut *names;
+        for (known, name) in [(poses, parent), (body, child)] {
+            if known.as_deref() != Some(name) {
+                *known = Some(name.to_owned());
+            }
         }
     }
 
@@ -153,20 +165,20 @@ impl LiveFrames {
     /// Pose of `frame` in the frame of the clouds, through fixed transforms.
     pub(super) fn beside_lidar(&self, frame: &str) -> Option<Pose> {
         let names = self.names();
-        let lidar = names.lidar.as_deref()?;
+        let lidar = names.lidar()?;
         if lidar == frame { Some(Pose::identity()) } else { names.tree.fixed(lidar, frame) }
     }
 
     /// The frame of the clouds, once one has come.
     pub fn lidar(&self) -> Option<String> {
-        self.names().lidar.clone()
+        self.names().lidar().cloned()
     }
 
     /// The frame that the poses are in: that of the topic, else the root of the transform tree.
     pub fn odom(&self) -> Option<String> {
         let names = self.names();
         names.poses.clone().or_else(|| {
-            let lidar = names.lidar.as_deref()?;
+            let lidar = names.lidar()?;
             names.tree.moves(lidar).then(|| names.tree.ancestors(lidar).last().map(|root| (*root).to_owned()))?
         })
     }
@@ -174,7 +186,7 @@ impl LiveFrames {
     /// The frame of the robot, and its pose in the frame of the clouds: the end of the chain of fixed transforms from the lidar.
     pub fn base(&self) -> Option<(String, Pose)> {
         let names = self.names();
-        let lidar = names.lidar.as_deref()?;
+        let lidar = names.lidar()?;
         let fixed = names.tree.ancestors(lidar).into_iter().map_while(|frame| Some((frame.to_owned(), names.tree.fixed(lidar, frame)?)));
         fixed.last().or_else(|| Some((lidar.to_owned(), Pose::identity())))
     }

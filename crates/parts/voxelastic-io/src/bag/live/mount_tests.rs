@@ -33,6 +33,22 @@ fn it_is_said_what_is_missing_and_assumed_only_on_request() {
 }
 
 #[test]
+fn clouds_that_an_odometry_has_moved_are_moved_back() {
+    let moved: Vec<_> =
+        (1..4u8).flat_map(|k| [("/odom", odometry(f64::from(k), f64::from(k))), ("/points", cloud_of(f64::from(k), "odom"))]).collect();
+    for (given, behind) in [(None, 0.0), (Some(at(0.25)), 0.25)] {
+        let (events, frames) = played(&OpenOptions { t_base_lidar: given, ..OpenOptions::default() }, moved.clone());
+        let scans: Vec<_> = events.iter().filter_map(|event| if let Event::Scan(scan) = event { Some(scan) } else { None }).collect();
+        assert_eq!(scan_positions(&events), [1.0, 2.0, 3.0].map(|x| x + behind));
+        for (k, scan) in scans.iter().enumerate() {
+            let x = 5.0 - (k as f32 + 1.0 + behind as f32);
+            assert!((scan.cloud.points[0][0] - x).abs() < 1e-6, "{:?}", scan.cloud.points);
+        }
+        assert_eq!((frames.lidar().as_deref(), frames.odom().as_deref(), frames.waits_for()), (Some("base"), Some("odom"), None));
+    }
+}
+
+#[test]
 fn another_mount_is_taken_and_what_was_mapped_is_moved() {
     let mut messages = vec![("/tf_static", transform(0.0, "base", "lidar", 0.5))];
     messages.extend((0..3u8).flat_map(|k| [("/odom", odometry(f64::from(k), f64::from(k))), ("/points", cloud(f64::from(k)))]));

@@ -5,7 +5,7 @@ use super::super::raw_player::{RawPlayer, RecordedScan};
 use super::stream::LiveStream;
 use super::{LiveFrames, LiveMessages, LiveTopics, Polled, SensorPacket};
 use crate::capture::SpinningStream;
-use crate::motion::{ImuMount, PoseTrack};
+use crate::motion::ImuMount;
 use crate::ouster::{PacketStream, SensorMetadata};
 use crate::playback::{Corrections, PlaybackLog, Player, PlayerOptions, PoseSource, Selection, SensorMounts};
 use crate::raw::TimedScan;
@@ -28,7 +28,7 @@ impl LiveEvents {
     pub fn new(topics: LiveTopics, messages: LiveMessages, options: &OpenOptions) -> Self {
         let log = Arc::new(PlaybackLog::of_passing_scans());
         let frames = LiveFrames::new(Arc::clone(&log));
-        let track = PoseSource::Topic { track: PoseTrack::default(), child: String::new() };
+        let track = PoseSource::of_topic();
         let player_options = PlayerOptions {
             path: topics.origin.clone(),
             poses: if topics.by_transforms { PoseSource::Transforms } else { track },

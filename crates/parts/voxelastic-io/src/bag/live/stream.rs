@@ -130,7 +130,7 @@ impl LiveStream {
         match message {
             SensorMessage::Cloud(cloud) if cloud.sensor == 0 => self.frames.set_lidar(&cloud.frame),
             SensorMessage::ClockJump => self.frames.forget_moving(),
-            SensorMessage::Pose { parent, .. } => self.frames.set_poses(parent),
+            SensorMessage::Pose { parent, child, .. } => self.frames.set_poses(parent, child),
             SensorMessage::Transform { parent, child, pose, is_fixed, time } => self.frames.add_transform([parent, child], *time, *pose, *is_fixed),
             _ => {}
         }
