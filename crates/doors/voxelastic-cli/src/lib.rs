@@ -41,12 +41,13 @@ Examples:
   voxelastic render hall.vox -o hall.png   draw a picture";
 
 /// The commands by headings, those that most people need first.
-const GROUPS: [(&str, &[&str]); 5] = [
-    ("Commands", &["map", "live", "view", "mesh", "export", "render", "report", "check", "info", "plan", "refine", "localize", "config", "completions", "demo"]),
+const GROUPS: [(&str, &[&str]); 6] = [
+    ("Commands", &["map", "live", "view", "mesh", "export", "render", "report", "check", "info", "plan", "refine", "localize", "demo"]),
     ("Edits, sessions, places on Earth, damaged maps", &["edit", "merge", "remove", "changes", "georeference", "repair"]),
     ("Free space", &["slice", "esdf", "explore"]),
     ("Poses alone", &["odometry", "optimize"]),
     ("Measuring", &["eval", "heldout", "simulate"]),
+    ("Settings, shells", &["config", "completions"]),
 ];
 
 /// The command line, with its commands by headings. Manual pages and completions are made from it.
