@@ -43,7 +43,7 @@ fn bash_completes_commands_flags_and_values() {
     };
     assert_eq!(completed(&["voxelastic", "geo"]), "georeference");
     assert_eq!(completed(&["voxelastic", "map", "--voxel"]), "--voxel-size");
-    assert_eq!(completed(&["voxelastic", "map", "--field", "b"]), "both");
+    assert_eq!(completed(&["voxelastic", "mesh", "hall.vox", "--surface", "occ"]), "occupied");
 }
 
 #[test]
