@@ -192,7 +192,7 @@ impl Command {
             Self::Odometry(args) => odometry::run(args, quiet),
             Self::Optimize(args) => optimize::run(args),
             Self::Config(args) => config_command::run(args),
-            Self::Completions(args) => completions::run(args),
+            Self::Completions(args) => completions::run(args, command_line()),
         }
     }
 }

@@ -1,6 +1,6 @@
 //! `voxelastic completions`: what a shell completes.
 
-use crate::{command_line, failure, output};
+use crate::{failure, output};
 use clap::Args;
 use clap_complete::Shell;
 
@@ -16,10 +16,10 @@ pub struct CompletionsArgs {
     shell: Shell,
 }
 
-/// Runs the command.
-pub fn run(args: &CompletionsArgs) -> anyhow::Result<u8> {
+/// Runs the command, for the command line that is completed.
+pub fn run(args: &CompletionsArgs, mut command_line: clap::Command) -> anyhow::Result<u8> {
     let mut script = Vec::new();
-    clap_complete::generate(args.shell, &mut command_line(), "voxelastic", &mut script);
+    clap_complete::generate(args.shell, &mut command_line, "voxelastic", &mut script);
     output::print(&String::from_utf8_lossy(&script))?;
     Ok(failure::DONE)
 }
