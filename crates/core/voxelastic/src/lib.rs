@@ -79,6 +79,7 @@ pub use geometry::Pose;
 pub use mapper::Mapper;
 pub use motion::Motion;
 pub use settings::Settings;
+pub use simd::vector_instructions;
 
 /// Runs the examples of README.md as tests.
 #[cfg(doctest)]

@@ -17,6 +17,7 @@ mod output;
 mod progress;
 mod reporting;
 mod ros_args;
+mod version;
 
 use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
 use commands::earth::georeference;
@@ -24,7 +25,7 @@ use commands::measuring::{demo, eval, heldout, simulate};
 use commands::poses::{localize, odometry, optimize};
 use commands::sessions::{changes, edit, merge, refine, remove, repair};
 use commands::space::{esdf, explore, plan, slice};
-use commands::{check, config as config_command, export, info, live, map, mesh, render, report, view};
+use commands::{check, completions, config as config_command, export, info, live, map, mesh, render, report, view};
 use std::ffi::OsString;
 use tracing_subscriber::filter::Targets;
 use tracing_subscriber::layer::SubscriberExt;
@@ -40,16 +41,17 @@ Examples:
   voxelastic render hall.vox -o hall.png   draw a picture";
 
 /// The commands by headings, those that most people need first.
-const GROUPS: [(&str, &[&str]); 5] = [
-    ("Commands", &["map", "live", "view", "mesh", "export", "render", "report", "check", "info", "plan", "refine", "localize", "config", "demo"]),
+const GROUPS: [(&str, &[&str]); 6] = [
+    ("Commands", &["map", "live", "view", "mesh", "export", "render", "report", "check", "info", "plan", "refine", "localize", "demo"]),
     ("Edits, sessions, places on Earth, damaged maps", &["edit", "merge", "remove", "changes", "georeference", "repair"]),
     ("Free space", &["slice", "esdf", "explore"]),
     ("Poses alone", &["odometry", "optimize"]),
     ("Measuring", &["eval", "heldout", "simulate"]),
+    ("Settings, shells", &["config", "completions"]),
 ];
 
-/// The command line, with its commands by headings.
-fn command_line() -> clap::Command {
+/// The command line, with its commands by headings. Manual pages and completions are made from it.
+pub fn command_line() -> clap::Command {
     let command = Cli::command();
     let about = |name: &str| command.find_subcommand(name).and_then(clap::Command::get_about).map(ToString::to_string).unwrap_or_default();
     let row = |name: &&str| format!("  {name:<14}{}\n", about(name));
@@ -65,6 +67,7 @@ fn command_line() -> clap::Command {
 #[command(
     name = "voxelastic",
     version,
+    long_version = version::long(),
     arg_required_else_help = true,
     subcommand_required = true,
     after_help = EXAMPLES,
@@ -107,6 +110,7 @@ enum Command {
     Localize(localize::LocalizeArgs),
     Optimize(optimize::OptimizeArgs),
     Config(config_command::ConfigArgs),
+    Completions(completions::CompletionsArgs),
 }
 
 /// Amount of output on stderr.
@@ -188,6 +192,7 @@ impl Command {
             Self::Odometry(args) => odometry::run(args, quiet),
             Self::Optimize(args) => optimize::run(args),
             Self::Config(args) => config_command::run(args),
+            Self::Completions(args) => completions::run(args, command_line()),
         }
     }
 }

@@ -34,8 +34,9 @@ def python(script: str, *arguments: str | Path) -> subprocess.Popen[str]:
 
 
 def test_the_command_works_and_exits_with_its_codes(tmp_path: Path, saved: Path) -> None:
-    done = run("--version")
+    done = run("-V")
     assert (done.returncode, done.stdout) == (0, f"voxelastic {vx.__version__}\n")
+    assert "features: foxglove, ros2\n" in run("--version").stdout
     assert run("mesh", saved, "-o", tmp_path / "room.ply").returncode == 0
     mesh = (tmp_path / "room.ply").read_bytes()
     assert f"element vertex {len(vx.Map.open(saved).mesh().vertices)}\n".encode() in mesh
@@ -44,7 +45,7 @@ def test_the_command_works_and_exits_with_its_codes(tmp_path: Path, saved: Path)
     assert run("mesh", saved).returncode == 2
     usage = run("--help")
     assert usage.returncode == 0 and "Usage: voxelastic" in usage.stdout
-    module = subprocess.run([sys.executable, "-m", "voxelastic", "--version"], capture_output=True, text=True)
+    module = subprocess.run([sys.executable, "-m", "voxelastic", "-V"], capture_output=True, text=True)
     assert module.stdout == done.stdout
 
 

@@ -73,6 +73,7 @@ pub const CRATES: &[Layer] = &[
             "voxelastic-live",
         ],
     ),
+    ("voxelastic-manual", &["voxelastic-cli"]),
     (
         "voxelastic-python",
         &[

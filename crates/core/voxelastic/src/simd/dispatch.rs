@@ -16,9 +16,8 @@ pub(crate) trait Kernel {
 pub(crate) fn dispatch(kernel: impl Kernel) {
     #[cfg(target_arch = "x86_64")]
     {
-        use std::arch::is_x86_feature_detected as has;
         if has_avx2() {
-            if has!("avx512f") && has!("avx512vl") && has!("avx512dq") && has!("avx512bw") {
+            if has_avx512() {
                 // SAFETY: the CPU has the features that the function is compiled for, as just tested.
                 return unsafe { with_avx512(kernel) };
             }
@@ -35,6 +34,29 @@ pub(crate) fn dispatch(kernel: impl Kernel) {
 fn has_avx2() -> bool {
     use std::arch::is_x86_feature_detected as has;
     has!("avx2") && has!("bmi1") && has!("bmi2") && has!("lzcnt") && has!("popcnt")
+}
+
+/// Whether it has, beyond AVX2, what kernels use of AVX-512.
+#[cfg(target_arch = "x86_64")]
+#[inline]
+fn has_avx512() -> bool {
+    use std::arch::is_x86_feature_detected as has;
+    has!("avx512f") && has!("avx512vl") && has!("avx512dq") && has!("avx512bw")
+}
+
+/// The vector instructions that the mapper runs with on this CPU, by the name that its maker gives them. Maps do not depend on them.
+pub fn vector_instructions() -> &'static str {
+    #[cfg(target_arch = "x86_64")]
+    if has_avx2() {
+        return if has_avx512() { "AVX-512" } else { "AVX2" };
+    }
+    if cfg!(target_arch = "x86_64") {
+        "SSE2"
+    } else if cfg!(target_arch = "aarch64") {
+        "NEON"
+    } else {
+        "none"
+    }
 }
 
 #[cfg(target_arch = "x86_64")]

@@ -9,6 +9,7 @@ mod gather;
 mod min_max;
 mod trig;
 
+pub use dispatch::vector_instructions;
 pub(crate) use dispatch::{Kernel, dispatch};
 pub(crate) use floor::floor_positive;
 pub(crate) use gather::gather;

@@ -1,6 +1,7 @@
 //! One file per subcommand: its arguments, its examples, and what it does.
 
 pub mod check;
+pub mod completions;
 pub mod config;
 pub mod earth;
 pub mod export;

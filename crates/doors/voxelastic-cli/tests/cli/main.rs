@@ -9,6 +9,7 @@ mod faults;
 mod first_map;
 mod inputs;
 mod nodes;
+mod program;
 mod results;
 mod room;
 
