@@ -380,8 +380,6 @@ impl Player {
     fn report_without_pose(&mut self) {
         let (count, first) = std::mem::take(&mut self.without_pose);
         if count > 0 {
-            // Who takes the error counts one with it.
-            self.log.without_pose.fetch_sub(1, Ordering::Relaxed);
             let problem = format!("{count} of {} clouds have no pose, the first at {first:.3} s", self.clouds);
             let (problem, remedy) = match self.reason.take() {
                 Some(reason) => (
