@@ -162,7 +162,7 @@ def test_nuscenes_with_clouds_of_two_drives(tmp_path: Path) -> None:
     said = voxelastic("check", root, fails=True)
     assert "between two scans there are 9 days" in said and "a folder of each drive" in said
     said = voxelastic("map", root, "--every", "0.4m", "-o", tmp_path / "scene.vox", *SMALL)
-    assert "they are of several drives" in said and "another drive begins: piece 2" in said
+    assert "they are of several drives" in said
 
 
 OUSTER_2020: Fields = (

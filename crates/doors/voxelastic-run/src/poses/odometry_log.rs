@@ -147,8 +147,7 @@ impl OdometryLog {
             }
         }
         let begins = report.status == Status::First && report.piece > 0;
-        let why = if report.gap.is_some() { "another drive begins" } else { "no scan fitted for a while" };
-        begins.then(|| format!("{why}: piece {} of the trajectory begins", self.pieces))
+        begins.then(|| format!("no scan fitted for a while: piece {} of the trajectory begins", self.pieces))
     }
 
     /// Scans that were registered.

@@ -15,7 +15,7 @@ const TELLING: usize = 40;
 /// The readings that a trial compares.
 const READINGS: [PointTimes; 3] = [PointTimes::Given, PointTimes::OverInterval, PointTimes::Undistorted];
 
-/// Scans that come after longer are of another drive, seconds: as the odometry takes them.
+/// Scans that come after longer are of another drive, unless a clock was set, seconds.
 const LONGEST_PAUSE_S: f64 = 600.0;
 /// Where a trial tells nothing.
 const UNTOLD: &str = "the scans do not tell, as the sensor hardly moves in them";
@@ -66,7 +66,7 @@ pub(super) fn decide(sample: &Sample, path: &Path, options: &OpenOptions, warnin
 /// Says that scans are of several drives.
 fn tell_pause(sample: &Sample, warnings: &mut Warnings) {
     if let Some(pause) = sample.longest_pause_s.filter(|pause| *pause > LONGEST_PAUSE_S) {
-        let text = format!("between two scans there are {}: they are of several drives", duration(pause));
+        let text = format!("between two scans there are {}: they are of several drives, or the clock was set", duration(pause));
         warnings.add(Code::Gap, text, "make a folder of each drive, and map the second with --into the map of the first");
     }
 }

@@ -18,8 +18,6 @@ use voxelastic::Cloud;
 use voxelastic::geometry::{Pose, PoseExt};
 use voxelastic::motion::{ImuSample, Motion};
 
-/// Scans that come after longer are of another drive, seconds.
-const LONGEST_PAUSE_S: f64 = 600.0;
 /// Surfaces that a scan must have to be registered.
 const LEAST_SURFACES: usize = 100;
 /// A scan with fewer returns than this share of the usual number is one of a covered sensor.
@@ -126,11 +124,6 @@ impl Odometry {
             return self.out_of_time(cloud, time, &last);
         }
         let gap = seconds.filter(|s| self.predictor.is_gap(*s));
-        if gap.is_some_and(|gap| gap > LONGEST_PAUSE_S) {
-            // A scan that fits by chance would join two drives.
-            self.piece += 1;
-            return OdometryReport { gap, ..self.first(cloud, time, last.t_map_lidar, clock) };
-        }
         let prediction = renormalised(self.predictor.pose(&last.t_map_lidar, last.time, seconds));
         let predicted = last.t_map_lidar.inv_mul(&prediction);
         let mut motion = self.sweep(cloud, &last, &prediction, seconds);
