@@ -209,6 +209,27 @@ class PoseWithCovarianceStamped(IdlStruct, **message("geometry_msgs", "PoseWithC
     pose: PoseWithCovariance
 
 
+@dataclass
+class KeyValue(IdlStruct, **message("diagnostic_msgs", "KeyValue")):
+    key: str
+    value: str
+
+
+@dataclass
+class Status(IdlStruct, **message("diagnostic_msgs", "DiagnosticStatus")):
+    level: uint8
+    name: str
+    message: str
+    hardware_id: str
+    values: sequence[KeyValue]
+
+
+@dataclass
+class Diagnostics(IdlStruct, **message("diagnostic_msgs", "DiagnosticArray")):
+    header: Header
+    status: sequence[Status]
+
+
 def service(package, name):
     return {"typename": f"{package}::srv::dds_::{name}_"}
 

@@ -34,6 +34,7 @@ fixed, transforms = writer("tf_static", t.TFMessage, LATCHED), writer("tf", t.TF
 points, odometry = writer("points", t.PointCloud2, USUAL), writer("odom", t.Odometry, USUAL)
 local = reader("mapper/local_costmap", t.OccupancyGrid, LATCHED)
 whole = {name: reader(f"mapper/{name}", t.OccupancyGrid, LATCHED) for name in ("grid", "global_costmap")}
+diagnostics, marks = reader("diagnostics", t.Diagnostics, USUAL), []
 fields, zero = [t.PointField(name, 4 * k, 7, 1) for k, name in enumerate("xyz")], t.Vector(0.0, 0.0, 0.0)
 fixed.write(t.TFMessage([t.TransformStamped(header(0, "base_link"), "lidar", place(0.2, 0.4))]))
 
@@ -55,6 +56,10 @@ while start is None or time.time() < start + ENDS or len(last) < len(whole):
         if not came:
             start = now
         came.append((time.time(), message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec, message))
+    for message in diagnostics.take(N=10):
+        mapped = next((int(pair.value) for status in message.status for pair in status.values if pair.key == "scans"), None)
+        if came and mapped is not None:
+            marks.append((mapped, len(came)))
     for name, topic in whole.items():
         for message in topic.take(N=10):
             last[name] = message
@@ -105,7 +110,9 @@ for _, stamp, message in came:
     if driven > GOES and not is_there and gone is None:
         gone = driven - GOES
     seen["unknown_under"] += int(((numpy.hypot(x - robot, y) < RADIUS - 0.1) & (costs < 0)).sum())
-seen["noticed_s"], seen["gone_s"], seen["count"] = noticed, gone, len(came)
+seen["noticed_s"], seen["gone_s"] = noticed, gone
+# Scans that were mapped between the first and the last word of the node about them, and costmaps that came meanwhile.
+seen["mapped"], seen["count"] = (after - before for before, after in zip(marks[0], marks[-1]))
 grid, costs = (cells(last[name])[0] for name in ("grid", "global_costmap"))
 seen["same_obstacles"] = bool(grid.shape == costs.shape and ((grid == 100) == (costs == 100)).mean() > 0.999)
 seen["global"] = [int((costs == value).sum()) for value in (0, 99, 100)]

@@ -31,27 +31,6 @@ PATIENCE = 120.0
 
 
 @dataclass
-class KeyValue(IdlStruct, **t.message("diagnostic_msgs", "KeyValue")):
-    key: str
-    value: str
-
-
-@dataclass
-class Status(IdlStruct, **t.message("diagnostic_msgs", "DiagnosticStatus")):
-    level: uint8
-    name: str
-    message: str
-    hardware_id: str
-    values: sequence[KeyValue]
-
-
-@dataclass
-class Diagnostics(IdlStruct, **t.message("diagnostic_msgs", "DiagnosticArray")):
-    header: t.Header
-    status: sequence[Status]
-
-
-@dataclass
 class State(IdlStruct, **t.message("lifecycle_msgs", "State")):
     id: uint8
     label: str
@@ -253,7 +232,7 @@ class KeptGrid:
         return place(self.info) == place(other.info) and self.cells.tobytes() == numpy.array(other.data, numpy.int8).tobytes()
 
 
-diagnostics, grid = reader("diagnostics", Diagnostics, USUAL), KeptGrid()
+diagnostics, grid = reader("diagnostics", t.Diagnostics, USUAL), KeptGrid()
 paths = reader(f"{SPACE}/mapper/path", t.Path, LATCHED)
 taken = []
 
