@@ -25,7 +25,7 @@ pub enum PointTimes {
     Undecided,
     /// What they say.
     Given,
-    /// The part of a sweep, which takes as long as it takes until the next cloud.
+    /// The part of a sweep, which takes as long as it takes until the next cloud; where neither clouds nor poses have times, clouds are taken to come ten a second.
     OverInterval,
     /// Nothing: clouds are undistorted already.
     Undistorted,

@@ -6,6 +6,7 @@ use crate::dataset::{self, Dataset};
 use crate::folders::holds_clouds;
 use crate::read_ahead::IdleStep;
 use crate::read_position::{Place, ReadPosition};
+use crate::scan_list::undistorted_sign_of;
 use crate::{Error, OpenOptions, Result};
 use std::collections::HashMap;
 use std::path::Path;
@@ -62,10 +63,10 @@ impl Source {
         }
     }
 
-    /// What speaks for clouds of a recording that are undistorted already, although their points have times.
-    pub fn undistorted_sign(&self) -> Option<&str> {
+    /// What speaks for clouds that are undistorted already, although their points have times. Of a folder, the first cloud is read.
+    pub fn undistorted_sign(&self) -> Option<String> {
         match self {
-            Self::Folder(_) => None,
+            Self::Folder(folder) => folder.scans().first().and_then(|scan| undistorted_sign_of(&scan.path, scan.index)),
             Self::Recording(recording) => recording.undistorted_sign(),
         }
     }

@@ -32,6 +32,8 @@ pub struct StampedCloud {
     pub stamp: Option<f64>,
     /// Whether [`Cloud::time`] are shares of the sweep, 0 to 1, as some drivers and data sets have them, and not seconds.
     pub has_shares: bool,
+    /// Whether [`Cloud::time`] was in a field called curvature, where FAST-LIO keeps the times of clouds that it has undistorted.
+    pub times_in_curvature: bool,
 }
 
 /// Whether a sweep of so many seconds, by the times of its points, does not last as long as it takes until the next cloud comes, seconds. Of clouds that come more rarely than sensors
@@ -53,7 +55,7 @@ pub(crate) struct SweepTime {
 impl StampedCloud {
     /// A cloud with times in seconds, from a stamp on, if it has any.
     pub(crate) fn new(cloud: Cloud, stamp: Option<f64>) -> Self {
-        Self { cloud, stamp, has_shares: false }
+        Self { cloud, stamp, has_shares: false, times_in_curvature: false }
     }
 
     /// Says once if the sweep contradicts the interval between clouds: of clouds that are not looked at before they are mapped.
@@ -71,7 +73,7 @@ impl StampedCloud {
     /// The cloud with point times relative to `time`, seconds, if its own stamp comes from the same clock. Shares become seconds if it is known how long a sweep takes,
     /// which is the interval between clouds; else they are left out. Times that run on from cloud to cloud count from the earliest point.
     pub(crate) fn relative_to(self, time: f64, SweepTime { interval_s: interval, is_stretched }: SweepTime) -> Cloud {
-        let Self { mut cloud, stamp, has_shares } = self;
+        let Self { mut cloud, stamp, has_shares, .. } = self;
         let has_shares = has_shares || (is_stretched && become_shares(&mut cloud));
         if has_shares {
             match (&mut cloud.time, interval) {
@@ -163,7 +165,7 @@ mod tests {
     #[test]
     fn shares_are_of_the_interval_between_clouds() {
         let cloud = Cloud { points: vec![[1.0, 2.0, 3.0]; 3], time: Some(vec![0.0, 0.5, 1.0]), ..Cloud::default() };
-        let shares = StampedCloud { cloud, stamp: None, has_shares: true };
+        let shares = StampedCloud { has_shares: true, ..StampedCloud::new(cloud, None) };
         let mut interval = Interval::default();
         let of = |interval_s| SweepTime { interval_s, is_stretched: false };
         assert_eq!(interval.after(10.0), None);

@@ -69,7 +69,7 @@ pub struct ReadingArgs {
     /// Of packets: the metadata (.json) of an Ouster sensor, or the angles of the beams (.csv) of a Hesai or RoboSense, if they are not found by name
     #[arg(long, value_name = "FILE", hide_short_help = true)]
     metadata: Option<PathBuf>,
-    /// What the times of points mean: what they say (given), the part of a sweep that takes until the next cloud comes (over-interval), or nothing, because clouds are undistorted already (undistorted) [default: given; where they contradict the interval between clouds, the reading under which surfaces are sharpest]
+    /// What the times of points mean: what they say (given), the part of a sweep that takes until the next cloud comes, of ten a second where clouds have no times (over-interval), or nothing, because clouds are undistorted already (undistorted) [default: given; where they contradict the interval between clouds, or clouds seem to be undistorted already, the reading under which surfaces are sharpest]
     #[arg(long, value_name = "WHAT", hide_short_help = true)]
     point_times: Option<PointTimes>,
     /// Largest time difference between a scan and its pose, seconds

@@ -80,7 +80,7 @@ class Dataset:
             also: A folder, or several, with the scans and poses of further sensors, which are mapped together with `path`.
             pose_topic: The topic of the poses in a recording, if there are several.
             metadata: The sensor metadata of an Ouster capture, or the angles of the beams of a Hesai's, if they are not found by name.
-            point_times: What the times of points mean: "given", what they say; "over-interval", the part of a sweep, which takes until the next cloud comes;
+            point_times: What the times of points mean: "given", what they say; "over-interval", the part of a sweep, which takes until the next cloud comes, of ten a second where clouds have no times;
                 "undistorted", nothing, because clouds are undistorted already. By default what they say, and where they contradict
                 the time between clouds, the reading under which surfaces are sharpest.
             time_tolerance: Largest time between a scan and its pose, seconds.

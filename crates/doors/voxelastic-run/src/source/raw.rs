@@ -49,7 +49,7 @@ impl RawSource {
     }
 
     pub(super) fn undistorted_sign(&self) -> Option<String> {
-        self.scans.undistorted_sign().map(str::to_owned)
+        self.scans.undistorted_sign()
     }
 
     pub(super) fn longest_pause_s(&self) -> Option<f64> {

@@ -86,10 +86,13 @@ impl Source {
     /// Reads some of the scans, `times` as many as usual.
     pub(super) fn sample(&self, times: usize) -> Sample {
         match self {
-            Self::Registered(source) => match &**source {
-                RegisteredSource::Folder(folder) => of_folder(folder, times),
-                recording => of_recording(recording, times),
-            },
+            Self::Registered(source) => {
+                let sample = match &**source {
+                    RegisteredSource::Folder(folder) => of_folder(folder, times),
+                    recording => of_recording(recording, times),
+                };
+                Sample { undistorted_sign: source.undistorted_sign(), ..sample }
+            }
             Self::Raw(raw) => {
                 Sample { longest_pause_s: raw.longest_pause_s(), undistorted_sign: raw.undistorted_sign(), ..of_raw(self.inputs(), raw.interval_s()) }
             }
@@ -99,8 +102,7 @@ impl Source {
 
 /// The beginning of a recording with poses.
 fn of_recording(recording: &RegisteredSource, times: usize) -> Sample {
-    let undistorted_sign = recording.undistorted_sign().map(str::to_owned);
-    let mut sample = Sample { has_times: true, interval_s: recording.interval_s(), undistorted_sign, ..Sample::default() };
+    let mut sample = Sample { has_times: true, interval_s: recording.interval_s(), ..Sample::default() };
     let mut scans = Vec::new();
     let came = recording.preview().filter_map(|event| if let Ok(Event::Scan(scan)) = event { Some(scan) } else { None });
     for scan in came.take(FROM_BEGINNING * times) {

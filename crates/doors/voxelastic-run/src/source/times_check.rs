@@ -12,13 +12,11 @@ use voxelastic_slam::{TimesTrial, TimesVerdict};
 /// Scans of a trial at most, and those among them that tell something.
 const SCANS: usize = 150;
 const TELLING: usize = 40;
-/// The readings that a trial compares.
-const READINGS: [PointTimes; 3] = [PointTimes::Given, PointTimes::OverInterval, PointTimes::Undistorted];
+/// Readings that a trial compares, with what they multiply times by.
+const GIVEN_OR_NOT: [(PointTimes, f32); 2] = [(PointTimes::Given, 1.0), (PointTimes::Undistorted, 0.0)];
 
 /// Scans that come after longer are of another drive, unless a clock was set, seconds.
 const LONGEST_PAUSE_S: f64 = 600.0;
-/// Where a trial tells nothing.
-const UNTOLD: &str = "the scans do not tell, as the sensor hardly moves in them";
 /// How to take times of points as they are.
 const GIVEN: &str = "--point-times given takes the times as they are";
 
@@ -83,9 +81,10 @@ fn duration(seconds: f64) -> String {
 /// Decides between the readings of times that contradict the interval between clouds.
 fn of_misfit(misfit: Misfit, path: &Path, options: &OpenOptions, warnings: &mut Warnings) -> Option<PointTimes> {
     tracing::info!("{misfit}: looking at the surfaces of some scans");
-    let verdict = trial(path, options, &[1.0, (misfit.interval_s / misfit.sweep_s) as f32, 0.0]);
-    let shown = verdict.as_ref().map(shown).unwrap_or_default();
-    match verdict.and_then(|verdict| verdict.best).map(|best| READINGS[best]) {
+    let stretched = (misfit.interval_s / misfit.sweep_s) as f32;
+    let Trial { best, shown } =
+        trial(path, options, &[(PointTimes::Given, 1.0), (PointTimes::OverInterval, stretched), (PointTimes::Undistorted, 0.0)]);
+    match best {
         Some(PointTimes::Given) => tracing::info!("they are right: {shown}"),
         Some(reading) => {
             let words = match reading {
@@ -96,14 +95,13 @@ fn of_misfit(misfit: Misfit, path: &Path, options: &OpenOptions, warnings: &mut 
             return Some(reading);
         }
         None => {
-            let why = if shown.is_empty() { UNTOLD.to_owned() } else { shown };
             let cause = if misfit.sweep_s > misfit.interval_s {
                 "the times are in another unit, or of several sweeps"
             } else {
                 "that is right if the sensor looks at a part of the circle, or clouds were left out; else the times are in another unit"
             };
             let remedy = "say which with --point-times given, over-interval or undistorted";
-            warnings.add(Code::DoubtfulTimes, format!("{misfit}: {cause}; {why}"), remedy);
+            warnings.add(Code::DoubtfulTimes, format!("{misfit}: {cause}; {shown}"), remedy);
         }
     }
     None
@@ -111,40 +109,47 @@ fn of_misfit(misfit: Misfit, path: &Path, options: &OpenOptions, warnings: &mut 
 
 /// Decides where poses do not say how the lidar moved during sweeps whose points have times.
 fn without_motion(sample: &Sample, path: &Path, options: &OpenOptions, warnings: &mut Warnings) -> Option<PointTimes> {
-    let cause = if sample.has_times {
-        "points have times, but poses are too far apart in time to say how the lidar moved during a sweep"
+    let (cause, remedy) = if sample.has_times {
+        (
+            "points have times, but poses are too far apart in time to say how the lidar moved during a sweep",
+            "name poses of each sweep, such as those of the odometry, or let --slam estimate them; right with --point-times undistorted if clouds are undistorted already",
+        )
     } else {
-        "points have times, but neither clouds nor poses do, so that nothing says how the lidar moved during a sweep"
+        (
+            "points have times, but neither clouds nor poses do, so that nothing says how the lidar moved during a sweep",
+            "write the time of each cloud to times.txt, or say --point-times over-interval where one sweep follows the other, or undistorted",
+        )
     };
-    let verdict = if options.point_times == PointTimes::Undecided { trial(path, options, &[1.0, 0.0]) } else { None };
-    let shown = verdict.as_ref().map_or_else(|| UNTOLD.to_owned(), two_shown);
-    let remedy = match (verdict.and_then(|verdict| verdict.best), sample.has_times) {
-        (Some(1), _) => {
+    if options.point_times != PointTimes::Undecided {
+        warnings.add(Code::DoubtfulTimes, format!("{cause}: clouds are mapped as they are, distorted or not"), remedy);
+        return None;
+    }
+    let Trial { best, shown } = trial(path, options, &GIVEN_OR_NOT);
+    match best {
+        Some(PointTimes::Undistorted) => {
             tracing::info!("{cause}: clouds are undistorted already, as {shown}");
-            return None;
+            None
         }
-        (Some(_), false) => {
+        Some(_) if !sample.has_times => {
             let text = format!("{cause}; {shown}, so clouds are taken to be those of one sweep after the other");
             warnings.add(Code::TimesChanged, text, "write the time of each cloud to times.txt; --point-times undistorted takes clouds as they are");
-            return Some(PointTimes::OverInterval);
+            Some(PointTimes::OverInterval)
         }
-        (Some(_), true) => "name poses of each sweep, such as those of the odometry, or let --slam estimate them",
-        (None, true) => {
-            "name poses of each sweep, such as those of the odometry, or let --slam estimate them; right with --point-times undistorted if they are undistorted already"
+        Some(_) => {
+            warnings.add(Code::DoubtfulTimes, format!("{cause}: clouds are mapped distorted, as {shown}"), remedy);
+            None
         }
-        (None, false) => {
-            "write the time of each cloud to times.txt, or say --point-times over-interval where one sweep follows the other, or undistorted"
+        None => {
+            warnings.add(Code::DoubtfulTimes, format!("{cause}: clouds are mapped as they are, distorted or not; {shown}"), remedy);
+            None
         }
-    };
-    warnings.add(Code::DoubtfulTimes, format!("{cause}: clouds are mapped as they are, distorted or not; {shown}"), remedy);
-    None
+    }
 }
 
 /// Decides where something speaks for clouds that are undistorted already.
 fn of_sign(sign: &str, path: &Path, options: &OpenOptions, warnings: &mut Warnings) -> Option<PointTimes> {
-    let verdict = trial(path, options, &[1.0, 0.0]);
-    let shown = verdict.as_ref().map_or_else(|| UNTOLD.to_owned(), two_shown);
-    if verdict.and_then(|verdict| verdict.best) == Some(0) {
+    let Trial { best, shown } = trial(path, options, &GIVEN_OR_NOT);
+    if best == Some(PointTimes::Given) {
         tracing::info!("{sign}, but clouds are not undistorted: {shown}");
         return None;
     }
@@ -159,9 +164,8 @@ pub fn check_undistorted(sample: &Sample, path: &Path, options: &OpenOptions, wa
     if sample.sweep_s().is_none() || is_decided || options.point_times != PointTimes::Undecided {
         return;
     }
-    let Some(verdict) = trial(path, options, &[1.0, 0.0]) else { return };
-    let shown = two_shown(&verdict);
-    if verdict.best == Some(1) {
+    let Trial { best, shown } = trial(path, options, &GIVEN_OR_NOT);
+    if best == Some(PointTimes::Undistorted) {
         let text = format!("clouds seem to be undistorted already, although their points have times: {shown}");
         warnings.add(Code::DoubtfulTimes, text, "map with --point-times undistorted");
     } else {
@@ -174,8 +178,16 @@ fn misfit(sample: &Sample) -> Option<Misfit> {
     contradicts_interval(sweep_s, interval_s).then_some(Misfit { sweep_s, interval_s })
 }
 
-/// Registers some scans under each reading; none if they cannot be read without poses.
-fn trial(path: &Path, options: &OpenOptions, factors: &[f32]) -> Option<TimesVerdict> {
+/// What a trial of several readings has shown.
+struct Trial {
+    /// The reading under which surfaces are sharper than under each of the others.
+    best: Option<PointTimes>,
+    /// How sharp they are, in words.
+    shown: String,
+}
+
+/// Registers some scans under each reading, which multiplies times by a factor; 0: clouds are undistorted already.
+fn trial(path: &Path, options: &OpenOptions, readings: &[(PointTimes, f32)]) -> Trial {
     let options = OpenOptions {
         cloud_topic: options.cloud_topic.clone(),
         metadata: options.metadata.clone(),
@@ -183,31 +195,28 @@ fn trial(path: &Path, options: &OpenOptions, factors: &[f32]) -> Option<TimesVer
         use_imu: false,
         ..OpenOptions::default()
     };
-    let source = Source::open(path, &options, Some(true)).ok()?;
-    let mut trial = TimesTrial::new(factors);
-    let scans = source.inputs().filter_map(|input| if let Input::RawScan(scan, _) = input { Some(scan) } else { None });
+    let factors: Vec<f32> = readings.iter().map(|(_, factor)| *factor).collect();
+    let mut trial = TimesTrial::new(&factors);
+    let source = Source::open(path, &options, Some(true));
+    let scans = source.iter().flat_map(Source::inputs).filter_map(|input| if let Input::RawScan(scan, _) = input { Some(scan) } else { None });
     for scan in scans.filter(|scan| scan.cloud.sensor == 0).take(SCANS) {
         trial.add(&scan.cloud, scan.time);
         if trial.scans() >= TELLING {
             break;
         }
     }
-    (trial.scans() > 0).then(|| trial.verdict())
-}
-
-/// What a trial of two readings has shown, in words.
-fn two_shown(verdict: &TimesVerdict) -> String {
-    let [as_given, undistorted] = [0, 1].map(|k| verdict.spreads[k] * 100.0);
-    format!("surfaces of {} scans are {as_given:.2} cm apart by the times of points, {undistorted:.2} cm without", verdict.scans)
-}
-
-/// What a trial of all readings has shown, in words.
-fn shown(verdict: &TimesVerdict) -> String {
-    let [given, over, none] = [0, 1, 2].map(|k| verdict.spreads[k] * 100.0);
-    format!(
-        "surfaces of {} scans are {given:.2} cm apart if the times are right, {over:.2} cm if a sweep lasts until the next cloud comes, and {none:.2} cm if clouds are undistorted already",
-        verdict.scans
-    )
+    let TimesVerdict { scans, spreads, best } = trial.verdict();
+    if scans == 0 {
+        return Trial { best: None, shown: "the scans do not tell: the sensor hardly moves in them, or they are few".to_owned() };
+    }
+    let words = |reading: PointTimes| match reading {
+        PointTimes::OverInterval => "if a sweep lasts until the next cloud comes",
+        PointTimes::Undistorted => "if clouds are undistorted already",
+        _ => "if the times are right",
+    };
+    let parts: Vec<String> =
+        readings.iter().zip(spreads).map(|((reading, _), spread)| format!("{:.2} cm {}", spread * 100.0, words(*reading))).collect();
+    Trial { best: best.map(|best| readings[best].0), shown: format!("surfaces of {scans} scans are apart by {}", parts.join(", ")) }
 }
 
 impl std::fmt::Display for Misfit {

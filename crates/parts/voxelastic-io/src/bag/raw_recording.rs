@@ -142,8 +142,8 @@ impl RawRecording {
     }
 
     /// What speaks for clouds that are undistorted already, although their points have times.
-    pub(crate) fn undistorted_sign(&self) -> Option<&str> {
-        self.undistorted_sign.as_deref()
+    pub(crate) fn undistorted_sign(&self) -> Option<String> {
+        self.undistorted_sign.clone()
     }
 
     /// The sensor's own tables of beams, if its packets were recorded with them.

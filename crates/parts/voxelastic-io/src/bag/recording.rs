@@ -18,7 +18,7 @@ use crate::stamped_cloud::Interval;
 use crate::{Error, OpenOptions, PointTimes, Result};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::Ordering;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::{fmt, iter};
 use voxelastic::event::Event;
 use voxelastic::geometry::PoseChange;
@@ -50,6 +50,8 @@ pub struct Recording {
     options: OpenOptions,
     selection: Selection,
     log: Arc<PlaybackLog>,
+    /// Whether it was said where the lidar is taken to be.
+    is_mount_told: Arc<AtomicBool>,
 }
 
 impl fmt::Debug for Recording {
@@ -113,8 +115,8 @@ impl Recording {
         if corrections.len() > 0 {
             description.notes.push(format!("poses are corrected {} times", corrections.len()));
         }
-        let (options, selection, log) = (options.clone(), Selection::default(), Arc::default());
-        Ok(Self { path: path.into(), description, input, given, nodes, corrections, options, selection, log })
+        let (options, selection, log, is_mount_told) = (options.clone(), Selection::default(), Arc::default(), Arc::default());
+        Ok(Self { path: path.into(), description, input, given, nodes, corrections, options, selection, log, is_mount_told })
     }
 
     /// The recording's path.
@@ -136,9 +138,9 @@ impl Recording {
     }
 
     /// What speaks for clouds that are undistorted already, although their points have times.
-    pub fn undistorted_sign(&self) -> Option<&str> {
+    pub fn undistorted_sign(&self) -> Option<String> {
         match &self.input {
-            Input::Bag(chosen) => chosen.undistorted_sign.as_deref(),
+            Input::Bag(chosen) => chosen.undistorted_sign.clone(),
             Input::Capture(_) => None,
         }
     }
@@ -251,6 +253,7 @@ impl Recording {
             Input::Bag(chosen) => chosen.mounts(&self.options),
             Input::Capture(_) => SensorMounts::one(self.options.t_base_lidar),
         };
+        let mounts = SensorMounts { is_told: Arc::clone(&self.is_mount_told), ..mounts };
         PlayerOptions {
             path: self.path.clone(),
             poses,

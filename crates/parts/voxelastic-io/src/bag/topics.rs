@@ -38,7 +38,11 @@ impl ChosenTopics {
     /// Where the sensors are on the vehicle.
     pub(super) fn mounts(&self, options: &OpenOptions) -> SensorMounts {
         let further = options.more_sensors.iter().map(|sensor| sensor.t_base_lidar);
-        SensorMounts { given: std::iter::once(options.t_base_lidar).chain(further).collect(), first_frame: self.first_frame.clone(), is_live: false }
+        SensorMounts {
+            given: std::iter::once(options.t_base_lidar).chain(further).collect(),
+            first_frame: self.first_frame.clone(),
+            ..SensorMounts::default()
+        }
     }
 }
 

@@ -41,7 +41,6 @@ pub fn open(path: impl AsRef<Path>, options: &OpenOptions) -> Result<Dataset> {
 /// Opens the folder of one sensor.
 fn open_one(path: &Path, options: &OpenOptions) -> Result<Dataset> {
     check_options(path, options)?;
-    dumps::refuse_maps(path)?;
     if options.poses.is_none()
         && let Some(dump) = dumps::find(path)?
     {

@@ -13,7 +13,7 @@
 //!
 //! SC-A-LOAM and SC-LIO-SAM folders are what [`crate::dataset`] reads as it is: `Scans/000000.pcd`, `odom_poses.txt` and
 //! `optimized_poses.txt` as KITTI rows, `times.txt`, `singlesession_posegraph.g2o` (SC-A-LOAM's `src/laserPosegraphOptimization.cpp`). LIO-SAM
-//! saves no scans with its map: its `transformations.pcd` gives the poses of a recording (`--poses`), and `maps.rs` refuses the rest.
+//! saves no scans with its map: its `transformations.pcd` gives the poses of a recording (`--poses`), and its clouds are those of the map.
 
 mod dump;
 mod e57;
@@ -23,12 +23,10 @@ mod hdl_graph_slam;
 mod kitti_odometry;
 mod kitti_raw;
 mod labelled_text;
-mod maps;
 mod mulran;
 mod newer_college;
 
 pub(crate) use dump::Dump;
-pub(crate) use maps::refuse as refuse_maps;
 
 use crate::Result;
 use std::path::Path;

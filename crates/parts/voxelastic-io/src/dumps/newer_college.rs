@@ -11,7 +11,7 @@
 use super::dump::Dump;
 use crate::file_names::stamp;
 use crate::motion::{LONGEST_GAP_S, PoseTrack};
-use crate::{Error, Result, poses};
+use crate::{Error, Position, Result, poses};
 use nalgebra::{Quaternion, UnitQuaternion};
 use std::path::{Path, PathBuf};
 use voxelastic::Pose;
@@ -26,8 +26,11 @@ pub(super) fn find(path: &Path) -> Result<Option<Dump>> {
     let (true, Some(folder)) = (file.is_file(), folder) else { return Ok(None) };
     // Some sequences have seconds with decimals instead, between spaces.
     let trajectory = poses::read(&file)?;
+    let Some(times) = trajectory.times else {
+        return Err(Error::content(&file, Position::File, "poses without times", "take the ground truth of the data set"));
+    };
     let mut track = PoseTrack::default();
-    trajectory.times.iter().flatten().zip(trajectory.poses).for_each(|(time, pose)| track.add(*time, pose));
+    times.into_iter().zip(trajectory.poses).for_each(|(time, pose)| track.add(time, pose));
     let entries = std::fs::read_dir(&folder).map_err(|e| Error::io(&folder, "list", e))?;
     let stamped = |p: PathBuf| Some((stamp(p.file_stem()?.to_str()?)?, p));
     let mut clouds: Vec<(f64, PathBuf)> =

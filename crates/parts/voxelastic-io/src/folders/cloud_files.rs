@@ -28,15 +28,24 @@ pub(crate) fn cloud_files_of(folder: &Path) -> Result<Vec<CloudFile>> {
     of_one_format(folder, files).map(|(_, paths, _)| in_order(paths))
 }
 
-/// The files of a folder whose names promise clouds, with their formats.
+/// The files of a folder whose names promise scans, with their formats.
 pub(super) fn cloud_files(folder: &Path) -> Result<Vec<(CloudFormat, PathBuf)>> {
     Ok(select_clouds(&list(folder)?))
 }
 
-/// The files among `entries` whose names promise clouds, with their formats.
+/// Names of clouds that are the whole map, or its poses as points, in small letters: LIO-SAM and LeGO-LOAM save these, the systems that came of LIO-SAM beside their scans.
+const OF_MAPS: [&str; 9] =
+    ["globalmap", "cornermap", "surfmap", "finalcloud", "cloudglobal", "cloudcorner", "cloudsurf", "trajectory", "transformations"];
+
+/// Whether a cloud is that of a map by its name, and no scan.
+pub(super) fn is_of_map(path: &Path) -> bool {
+    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("pcd")) && OF_MAPS.contains(&stem_of(path).to_ascii_lowercase().as_str())
+}
+
+/// The files among `entries` whose names promise scans, with their formats.
 pub(super) fn select_clouds(entries: &[PathBuf]) -> Vec<(CloudFormat, PathBuf)> {
     let format = |path: &PathBuf| CloudFormat::of(path).filter(|f| CloudFormat::OF_SCANS.contains(f));
-    entries.iter().filter_map(|e| Some((format(e)?, e.clone()))).filter(|(_, e)| e.is_file()).collect()
+    entries.iter().filter(|e| !is_of_map(e)).filter_map(|e| Some((format(e)?, e.clone()))).filter(|(_, e)| e.is_file()).collect()
 }
 
 /// Keeps the files of the most frequent format, since the others are usually maps; also gives a note about files that are ignored.

@@ -8,7 +8,7 @@
 //! anything/, anything/anything/, ..                  the only folder with two or more clouds, a few levels down
 //! ```
 
-use super::cloud_files::{CloudFile, cloud_files, in_order, of_one_format, select_clouds};
+use super::cloud_files::{CloudFile, cloud_files, in_order, is_of_map, of_one_format, select_clouds};
 use super::listing::{list, name_of};
 use crate::clouds::CloudFormat;
 use crate::{Error, Result};
@@ -68,12 +68,24 @@ pub(crate) fn find_clouds(path: &Path) -> Result<CloudFolder> {
     let folders = search(path)?;
     match folders.as_slice() {
         [] => {
+            refuse_map(path)?;
             let problem = "no clouds in scans/, velodyne/, velodyne_points/data/, clouds/, lidar/, pcd/, points/, the folder itself or below it";
             Err(Error::dataset(path, problem, "name a folder that holds .pcd, .ply, .bin or .pcd.bin clouds"))
         }
         [only] => read_folder(path, only),
         several => Err(several_folders(path, several)),
     }
+}
+
+/// Says of a folder without scans that it holds a map.
+fn refuse_map(path: &Path) -> Result<()> {
+    let names: Vec<String> = list(path)?.iter().filter(|file| is_of_map(file)).map(|file| name_of(file)).collect();
+    if names.is_empty() {
+        return Ok(());
+    }
+    let poses = if names.iter().any(|name| name == "transformations.pcd") { ", with `--poses transformations.pcd`" } else { "" };
+    let problem = format!("a map and its poses, not scans: {}", names.join(", "));
+    Err(Error::dataset(path, problem, format!("map the recording that it was made of{poses}")))
 }
 
 /// Whether a folder holds clouds in one of the usual places.

@@ -1,7 +1,6 @@
 //! Clouds that an odometry has moved into the frame of its poses, such as FAST-LIO's `/cloud_registered`.
 
 use nalgebra::Point3;
-use std::sync::Once;
 use voxelastic::{Cloud, Pose};
 
 /// Names of the frames that maps are in.
@@ -12,15 +11,11 @@ pub(crate) fn is_map(parent: &str, child: &str) -> bool {
     MAP_FRAMES.contains(&parent) || !(parent.is_empty() || child.is_empty() || parent == child)
 }
 
-/// Says once what is done with clouds of the frame that the poses are in.
+/// Says what is done with clouds of the frame that the poses are in.
 pub(crate) fn tell_registered(frame: &str, child: &str) {
-    static SAID: Once = Once::new();
-    SAID.call_once(|| {
-        tracing::info!(
-            "clouds of {frame} were moved into the frame that the poses are in, and undistorted: they are moved back by their poses, seen from {child} (--t-base-lidar says where the lidar is \
-             on it)"
-        );
-    });
+    tracing::info!(
+        "clouds of {frame} were moved into the frame that the poses are in, and undistorted: they are moved back by their poses, seen from {child} (--t-base-lidar says where the lidar is on it)"
+    );
 }
 
 /// Takes a cloud back into the frame of the lidar that was moved by its pose. Its points are where they were at its stamp: their times say nothing any more.

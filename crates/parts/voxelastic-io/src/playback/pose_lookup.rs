@@ -3,7 +3,8 @@
 use super::message_stream::SensorMessage;
 use crate::motion::{LONGEST_GAP_S, PoseTrack, TransformTree, is_map, tell_registered};
 use std::collections::BTreeMap;
-use std::sync::Once;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use voxelastic::Pose;
 use voxelastic::geometry::{PoseChange, PoseExt};
 
@@ -33,6 +34,8 @@ pub(crate) struct SensorMounts {
     pub(crate) first_frame: String,
     /// Whether messages come from a robot: nothing comes in order, and transforms may change.
     pub(crate) is_live: bool,
+    /// Whether it was said where the first lidar is taken to be. A recording is looked at before it is played.
+    pub(crate) is_told: Arc<AtomicBool>,
 }
 
 /// A lidar whose place on what the poses are of has changed.
@@ -51,6 +54,11 @@ impl SensorMounts {
     /// Of one sensor.
     pub(crate) fn one(t_base_lidar: Option<Pose>) -> Self {
         Self { given: vec![t_base_lidar], ..Self::default() }
+    }
+
+    /// Whether something about the place of the first lidar is still to be said; once.
+    fn is_to_be_told(&self) -> bool {
+        !self.is_told.swap(true, Ordering::Relaxed)
     }
 
     fn given(&self, sensor: u16) -> Option<Pose> {
@@ -197,10 +205,12 @@ impl PoseLookup {
         }
         let child = if let PoseSource::Topic { child, .. } = &self.source { child.clone() } else { String::new() };
         let found = if self.is_registered(frame) {
-            tell_registered(frame, &child);
+            if self.mounts.is_to_be_told() {
+                tell_registered(frame, &child);
+            }
             self.mounts.given(sensor).unwrap_or_default()
         } else if sensor == 0 {
-            mounting(&self.tree, &child, frame, self.mounts.given(0))
+            mounting(&self.tree, &child, frame, &self.mounts)
         } else if let Some(given) = self.mounts.given(sensor) {
             given
         } else if let Some(found) = self.tree.fixed(&child, frame).filter(|_| self.mounts.is_live) {
@@ -231,21 +241,20 @@ impl PoseLookup {
     }
 }
 
-/// Pose of the lidar in the frame that the poses are of: as the user says, else by the fixed transforms, else the identity.
-fn mounting(tree: &TransformTree, child: &str, lidar: &str, given: Option<Pose>) -> Pose {
-    if let Some(pose) = given {
+/// Pose of the first lidar in the frame that the poses are of: as the user says, else by the fixed transforms, else the identity.
+fn mounting(tree: &TransformTree, child: &str, lidar: &str, mounts: &SensorMounts) -> Pose {
+    if let Some(pose) = mounts.given(0) {
         return pose;
     }
     if child.is_empty() || child == lidar {
         return Pose::identity();
     }
     tree.fixed(child, lidar).unwrap_or_else(|| {
-        static SAID: Once = Once::new();
-        SAID.call_once(|| {
+        if mounts.is_to_be_told() {
             tracing::warn!(
                 "no fixed transform leads from {child} to {lidar}: the poses are taken as those of the lidar (--t-base-lidar says otherwise)"
-            )
-        });
+            );
+        }
         Pose::identity()
     })
 }

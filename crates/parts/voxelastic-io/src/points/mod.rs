@@ -9,5 +9,5 @@ mod times;
 
 pub(crate) use raw_cloud::RawCloud;
 pub(crate) use record::{Column, Field, Scalar, points};
-pub(crate) use roles::{FieldRoles, is_time, undistorted_sign};
+pub(crate) use roles::{FieldRoles, IN_CURVATURE, is_time, undistorted_sign};
 pub(crate) use text_table::{Numbers, Table, split_line};

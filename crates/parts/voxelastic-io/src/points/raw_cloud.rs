@@ -1,7 +1,7 @@
 //! Columns of a point record to a checked cloud.
 
 use super::record::{self, Column, Field, Scalar};
-use super::roles::FieldRoles;
+use super::roles::{CURVATURE, FieldRoles};
 use super::times::{TimesOfPoints, relative_times};
 use crate::stamped_cloud::StampedCloud;
 use crate::{Error, Position, Result};
@@ -69,13 +69,14 @@ impl RawCloud {
             Rings::Valid(rings) => Some(rings),
             Rings::Numbers(values) => valid_rings(&values, &self.points, path),
         });
+        let times_in_curvature = self.time_field.as_ref().is_some_and(|(name, _)| name.eq_ignore_ascii_case(CURVATURE));
         let TimesOfPoints { time, stamp, has_shares } = match (self.time, self.time_field) {
             (Some(values), Some((name, scalar))) => relative_times(values, &self.points, &name, scalar, path),
             _ => TimesOfPoints::default(),
         };
         let Self { points, width, height, intensity, colours, .. } = self;
         let cloud = Cloud { points, width, height, intensity, colours, ring, time, motion: None, sensor: 0 };
-        Ok(StampedCloud { cloud, stamp, has_shares })
+        Ok(StampedCloud { times_in_curvature: times_in_curvature && cloud.time.is_some(), cloud, stamp, has_shares })
     }
 }
 
@@ -156,6 +157,7 @@ mod tests {
         ];
         for (name, scalar, times, difference, stamp) in cases {
             let read = raw(&[P, P], name, scalar, &times).finish(Path::new("a")).unwrap();
+            assert_eq!(read.times_in_curvature, name == "curvature");
             let t = read.cloud.time.unwrap();
             assert!((f64::from(t[1] - t[0]) - difference).abs() < 1e-5, "{name}: {t:?}");
             match (read.stamp, stamp) {

@@ -20,6 +20,8 @@ pub(crate) fn is_time(name: &str) -> bool {
     TIME.iter().any(|t| name.eq_ignore_ascii_case(t)) || is_about_time(name)
 }
 
+/// Speaks for clouds that are undistorted already.
+pub(crate) const IN_CURVATURE: &str = "times of points are in the field curvature, where an odometry keeps them";
 /// Words in the names of topics whose clouds an odometry has undistorted.
 const UNDISTORTED: [&str; 4] = ["registered", "deskew", "undistort", "compensated"];
 
@@ -31,7 +33,7 @@ pub(crate) fn undistorted_sign(topic: &str, fields: &[String]) -> Option<String>
     if UNDISTORTED.iter().any(|word| lower.contains(word)) {
         return Some(format!("the topic is called {topic}"));
     }
-    times.all(|name| name.eq_ignore_ascii_case(CURVATURE)).then(|| format!("the times of {topic} are in {CURVATURE}, where an odometry keeps them"))
+    times.all(|name| name.eq_ignore_ascii_case(CURVATURE)).then(|| IN_CURVATURE.to_owned())
 }
 
 fn is_about_time(name: &str) -> bool {

@@ -4,7 +4,7 @@ use super::timed_scan::TimedScan;
 use crate::clouds::CloudFormat;
 use crate::dumps;
 use crate::folders::{CloudFolder, ScanTimes, find_clouds, has_extension, list, match_times, name_of, read_scan_times, scan_numbers, stem_of};
-use crate::scan_list::{NODES_OF_SENSOR, read_scan};
+use crate::scan_list::{NODES_OF_SENSOR, read_scan, undistorted_sign_of};
 use crate::stamped_cloud::{ASSUMED_PERIOD_S, Interval, SweepTime};
 use crate::{Error, PointTimes, Result, SensorFolder, poses};
 use std::fmt::Write as _;
@@ -31,6 +31,11 @@ impl RawScan {
     /// Seconds, if known from files or names.
     pub(super) fn time(&self) -> Option<f64> {
         self.time
+    }
+
+    /// What speaks for a cloud that is undistorted already, although its points have times.
+    pub(super) fn undistorted_sign(&self) -> Option<String> {
+        undistorted_sign_of(&self.path, self.index)
     }
 
     /// The cloud's file.
@@ -94,7 +99,6 @@ pub(super) fn read_folder(path: &Path, times: PointTimes) -> Result<(Vec<RawScan
         let problem = "a file of laser scans, each from another position: not a sequence";
         return Err(Error::dataset(path, problem, "map it with the poses that it holds"));
     }
-    dumps::refuse_maps(path)?;
     match find_clouds(path) {
         Ok(folder) => of_clouds(path, folder, times),
         // Dumps keep each cloud in a folder of its own.

@@ -118,9 +118,12 @@ impl RawScans {
         }
     }
 
-    /// What speaks for clouds of a recording that are undistorted already, although their points have times.
-    pub fn undistorted_sign(&self) -> Option<&str> {
-        if let Input::Recording(recording) = &self.input { recording.undistorted_sign() } else { None }
+    /// What speaks for clouds that are undistorted already, although their points have times. Of a folder, the first cloud is read.
+    pub fn undistorted_sign(&self) -> Option<String> {
+        match &self.input {
+            Input::Folder(scans, _) => scans.first().and_then(RawScan::undistorted_sign),
+            Input::Recording(recording) => recording.undistorted_sign(),
+        }
     }
 
     /// The longest time between two neighbouring scans of a folder, seconds, if their times are known before they are read.

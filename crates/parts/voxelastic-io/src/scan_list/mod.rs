@@ -11,4 +11,4 @@ pub(crate) use edges::ScanEdges;
 pub(crate) use keyframing::select;
 pub use keyframing::{KeyframeFilter, Keyframing};
 pub use scan_entry::ScanEntry;
-pub(crate) use scan_entry::{NODES_OF_SENSOR, read_scan};
+pub(crate) use scan_entry::{NODES_OF_SENSOR, read_scan, undistorted_sign_of};

@@ -1,5 +1,6 @@
 //! A scan with its pose, before its cloud is decoded.
 
+use crate::points::IN_CURVATURE;
 use crate::stamped_cloud::StampedCloud;
 use crate::survey::e57;
 use crate::{Error, Position, Result, clouds};
@@ -48,4 +49,9 @@ pub(crate) fn read_scan(path: &Path, index: usize) -> Result<StampedCloud> {
         return Err(Error::content(path, Position::File, problem, "export the scans in the scanner's own frame, with their poses"));
     }
     Ok(StampedCloud::new(survey.cloud, None))
+}
+
+/// What speaks for the cloud of a file that is undistorted already, although its points have times.
+pub(crate) fn undistorted_sign_of(path: &Path, index: usize) -> Option<String> {
+    read_scan(path, index).is_ok_and(|read| read.times_in_curvature).then(|| IN_CURVATURE.to_owned())
 }

@@ -169,6 +169,9 @@ fn newer_college() {
         fs::write(dir.path().join("ground_truth/registered_poses.csv"), text).unwrap();
         check(dir.path(), &[(0, 1_583_836_590.5), (1, 1_583_836_591.5), (2, 1_583_836_592.5)], "Newer College sequence");
     }
+    fs::write(dir.path().join("ground_truth/registered_poses.csv"), "1 0 0 0 0 1 0 0 0 0 1 0\n").unwrap();
+    let refused = dataset::open(dir.path(), &OpenOptions::default()).unwrap_err().to_string();
+    assert!(refused.contains("poses without times"), "{refused}");
 }
 
 fn station(k: usize, t_map_scan: Pose) -> e57::E57Scan {

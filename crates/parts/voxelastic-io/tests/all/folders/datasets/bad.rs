@@ -41,6 +41,22 @@ fn poses_that_are_wrong_name_line_and_field() {
 }
 
 #[test]
+fn maps_are_no_scans() {
+    let names = ["CornerMap.pcd", "GlobalMap.pcd", "trajectory.pcd", "transformations.pcd"];
+    let folder = Folder::with_scans(3);
+    folder.kitti("poses.txt", 3, 0.0);
+    names.iter().for_each(|name| folder.cloud(name, 9));
+    assert_eq!(folder.open().unwrap().scans().len(), 3, "beside scans, as SC-LIO-SAM saves them");
+    std::fs::remove_dir_all(folder.file("scans")).unwrap();
+    let expected = "a map and its poses, not scans: CornerMap.pcd, GlobalMap.pcd, trajectory.pcd, transformations.pcd";
+    assert!(folder.refusal().contains(expected) && folder.refusal().contains("--poses transformations.pcd"), "{}", folder.refusal());
+    let raw = voxelastic_io::raw::open(folder.path(), &OpenOptions::default()).unwrap_err().to_string();
+    assert!(raw.contains(expected), "{raw}");
+    (0..3).for_each(|k| folder.cloud(&format!("{k}.pcd"), k));
+    assert_eq!(folder.open().unwrap().scans().len(), 3, "among scans");
+}
+
+#[test]
 fn a_quaternion_that_is_slightly_off_is_normalised() {
     let folder = Folder::with_scans(1);
     folder.text("poses.tum", "0 1 2 3 0 0 0 0.995\n");
