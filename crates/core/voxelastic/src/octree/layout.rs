@@ -53,6 +53,19 @@ pub const fn block_key(c: [i32; 3]) -> u64 {
     morton::encode([(c[0] + KEY_OFFSET) as u32, (c[1] + KEY_OFFSET) as u32, (c[2] + KEY_OFFSET) as u32])
 }
 
+/// Where the block at `c` is among cubes with edges of 2^`shift` blocks, counted from the lowest along each axis. Cubes are nodes of the octree, which begin two blocks away from
+/// multiples of larger edges.
+#[inline(always)]
+pub(crate) fn cube_place(c: [i32; 3], shift: u32) -> [u32; 3] {
+    c.map(|c| (c + KEY_OFFSET) as u32 >> shift)
+}
+
+/// Key of a cube at such a place: [`block_key`] of its blocks, `3 * shift` bits shorter.
+#[inline(always)]
+pub(crate) const fn cube_key(place: [u32; 3]) -> u64 {
+    morton::encode(place)
+}
+
 /// Inverse of [`block_key`]: block coordinates, counted from the submap's origin.
 #[inline(always)]
 pub const fn block_coords(key: u64) -> [i32; 3] {

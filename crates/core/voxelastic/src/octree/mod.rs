@@ -21,6 +21,7 @@ mod tree;
 pub(crate) use cursor::Cursor;
 pub(crate) use disjoint_mut::{DisjointMut, SlotPtr, assert_distinct};
 pub use layout::{BLOCK_EDGE, BLOCK_SHIFT, MAX_BLOCK_COORD, NONE, SCALES, block_coords, block_key, edge_at, voxel_coords, voxel_index, voxels_at};
+pub(crate) use layout::{cube_key, cube_place};
 pub(crate) use pool::Pool;
 pub(crate) use prefetch::{prefetch, prefetch_item};
 pub(crate) use slab::{Slab, SlabAllocator, SlotBatch};

@@ -9,7 +9,7 @@ use super::sampled_field::{CUBE_SHIFT, Gathered, GatheredSource};
 use crate::atlas::fusion::alignment::{Corrections, Displacement, expected};
 use crate::atlas::{Atlas, SubmapId};
 use crate::geometry::Pose;
-use crate::octree::{BLOCK_EDGE, MAX_BLOCK_COORD, block_coords, block_key};
+use crate::octree::{BLOCK_EDGE, MAX_BLOCK_COORD, block_coords, cube_key, cube_place};
 use hashbrown::{HashMap, HashSet};
 use rayon::prelude::*;
 use std::sync::Arc;
@@ -50,7 +50,15 @@ struct Changed {
     near: HashSet<u64>,
     margin: i32,
     shift: u32,
+    lately: [Lately; 2],
 }
+
+/// Ranges of cubes that were met lately: blocks side by side mostly reach the same ones.
+struct Lately(Vec<CubeRange>);
+
+/// Cubes of one size, by the lowest and the highest along each axis; none if the lowest is above the highest. They are counted as in their keys.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct CubeRange([[u32; 3]; 2]);
 
 impl LiveField {
     /// Whether a cube is out of date.
@@ -124,6 +132,54 @@ impl Changed {
             self.near.extend(cubes_between(low, low.map(|c| c + (1 << CUBE_SHIFT) - 1), self.margin, self.shift));
         }
     }
+
+    /// What the blocks between two reach is out of date.
+    fn add_between(&mut self, low: [i32; 3], high: [i32; 3]) {
+        let (stale, near) = (CubeRange::new(low, high, 0, CUBE_SHIFT), CubeRange::new(low, high, self.margin, self.shift));
+        if self.lately[0].is_new(stale) {
+            self.stale.extend(stale.keys());
+        }
+        if self.lately[1].is_new(near) {
+            self.near.extend(near.keys());
+        }
+    }
+}
+
+impl Default for Lately {
+    fn default() -> Self {
+        Self(vec![CubeRange::NONE; 1 << Self::BITS])
+    }
+}
+
+impl Lately {
+    const BITS: u32 = 8;
+
+    /// Whether a range is another one than the last in its place.
+    fn is_new(&mut self, range: CubeRange) -> bool {
+        let [[x, y, z], _] = range.0;
+        let place = &mut self.0[(x.wrapping_mul(0x9e37_79b1) ^ y.wrapping_mul(0x85eb_ca6b) ^ z.wrapping_mul(0xc2b2_ae35)) as usize >> (32 - Self::BITS)];
+        std::mem::replace(place, range) != range
+    }
+}
+
+impl CubeRange {
+    const NONE: Self = Self([[1; 3], [0; 3]]);
+
+    /// Cubes with edges of 2^`shift` blocks up to `margin` blocks from the blocks between two.
+    fn new(low: [i32; 3], high: [i32; 3], margin: i32, shift: u32) -> Self {
+        if (0..3).any(|k| high[k] <= -MAX_BLOCK_COORD || low[k] >= MAX_BLOCK_COORD) {
+            return Self::NONE;
+        }
+        let bound = |c: i32| c.clamp(1 - MAX_BLOCK_COORD, MAX_BLOCK_COORD - 1);
+        Self([cube_place(low.map(|c| bound(c - margin)), shift), cube_place(high.map(|c| bound(c + margin)), shift)])
+    }
+
+    /// The keys of the cubes.
+    pub fn keys(self) -> impl Iterator<Item = u64> {
+        let [low, high] = self.0;
+        let along = move |k: usize| low[k]..high[k] + 1;
+        along(2).flat_map(move |z| along(1).flat_map(move |y| along(0).map(move |x| cube_key([x, y, z]))))
+    }
 }
 
 impl SourceState {
@@ -163,13 +219,9 @@ impl SourceState {
         // Samples in a block depend on what is a voxel of the scale around it.
         let coarsest = changed.iter().map(|id| source.field.block(*id).finest).max().unwrap_or(0);
         let around = (1u32 << coarsest) as f32;
-        let reached = |id: &u32| {
-            let (low, high) = blocks_of(source, &self.displacement, *id, around);
-            [cubes_between(low, high, 0, CUBE_SHIFT), cubes_between(low, high, found.margin, found.shift)]
-        };
-        for [stale, near] in changed.par_iter().with_min_len(256).map(reached).collect::<Vec<_>>() {
-            found.stale.extend(stale);
-            found.near.extend(near);
+        for id in changed {
+            let (low, high) = blocks_of(source, &self.displacement, id, around);
+            found.add_between(low, high);
         }
         (self.clock, self.revision) = (log.clock, source.revision);
         self
@@ -181,13 +233,13 @@ impl SourceState {
         if self.blocks > 0 && !new.is_empty() && !self.corrected.is_empty() {
             self.displacement = Arc::new(expected(source.field, &source.placement, &Corrections::new(source.submap, &source.pose)));
         }
-        let reached = |id| {
+        let ranges = |id| {
             let (low, high) = blocks_of(source, &self.displacement, id, 0.0);
-            cubes_between(low, high, 0, CUBE_SHIFT)
+            CubeRange::new(low, high, 0, CUBE_SHIFT)
         };
-        let reached: Vec<Vec<u64>> = new.clone().into_par_iter().with_min_len(256).map(reached).collect();
-        for (id, cubes) in new.zip(reached) {
-            cubes.into_iter().for_each(|cube| self.cubes.entry(cube).or_default().push(id));
+        let ranges: Vec<CubeRange> = new.clone().into_par_iter().with_min_len(4096).map(ranges).collect();
+        for (id, range) in new.zip(ranges) {
+            range.keys().for_each(|cube| self.cubes.entry(cube).or_default().push(id));
         }
         self.blocks = source.field.ids().end;
     }
@@ -222,19 +274,12 @@ fn blocks_of(source: &Source<'_>, displacement: &Displacement, id: u32, around: 
 }
 
 /// The cubes with edges of 2^`shift` blocks up to `margin` blocks from the blocks between two.
-pub(crate) fn cubes_between(low: [i32; 3], high: [i32; 3], margin: i32, shift: u32) -> Vec<u64> {
-    let bound = |c: i32| c.clamp(1 - MAX_BLOCK_COORD, MAX_BLOCK_COORD - 1);
-    if (0..3).any(|k| high[k] <= -MAX_BLOCK_COORD || low[k] >= MAX_BLOCK_COORD) {
-        return Vec::new();
-    }
-    // Along each axis a block in each cube. Cubes are nodes of the octree, which begin two blocks away from multiples of larger edges.
-    let corner = block_coords(block_key(low.map(|c| bound(c - margin))) >> (3 * shift) << (3 * shift));
-    let along = |k: usize| (corner[k]..=bound(high[k] + margin)).step_by(1 << shift);
-    along(2).flat_map(|z| along(1).flat_map(move |y| along(0).map(move |x| block_key([x, y, z]) >> (3 * shift)))).collect()
+pub(crate) fn cubes_between(low: [i32; 3], high: [i32; 3], margin: i32, shift: u32) -> impl Iterator<Item = u64> {
+    CubeRange::new(low, high, margin, shift).keys()
 }
 
 /// A cube with an edge of 2^`shift` blocks and those that touch it.
-pub(crate) fn cubes_around(cube: u64, shift: u32) -> Vec<u64> {
+pub(crate) fn cubes_around(cube: u64, shift: u32) -> impl Iterator<Item = u64> {
     let low = block_coords(cube << (3 * shift));
     cubes_between(low, low.map(|c| c + (1 << shift) - 1), 1, shift)
 }
@@ -242,6 +287,8 @@ pub(crate) fn cubes_around(cube: u64, shift: u32) -> Vec<u64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::octree::block_key;
+    use rand::{RngExt, SeedableRng};
 
     #[test]
     fn cubes_around_blocks_are_those_that_have_blocks_there() {
@@ -253,7 +300,7 @@ mod tests {
                         expected.extend((low[0] - margin..=high[0] + margin).map(|x| block_key([x, y, z]) >> (3 * shift)));
                     }
                 }
-                let mut found = cubes_between(low, high, margin, shift);
+                let mut found: Vec<u64> = cubes_between(low, high, margin, shift).collect();
                 found.sort_unstable();
                 expected.sort_unstable();
                 expected.dedup();
@@ -261,7 +308,22 @@ mod tests {
             }
         }
         let middle = block_key([17, -4, 2]) >> 9;
-        assert!(cubes_around(middle, 3).len() == 27 && cubes_around(middle, 3).contains(&middle));
-        assert!(cubes_between([i32::MIN / 2; 3], [i32::MIN / 2 + 1; 3], 2, 3).is_empty());
+        assert!(cubes_around(middle, 3).count() == 27 && cubes_around(middle, 3).any(|cube| cube == middle));
+        assert_eq!(cubes_between([i32::MIN / 2; 3], [i32::MIN / 2 + 1; 3], 2, 3).count(), 0);
+    }
+
+    /// What is kept of ranges that were met lately leaves nothing out.
+    #[test]
+    fn what_blocks_reach_is_found_whole() {
+        let mut random = rand::rngs::StdRng::seed_from_u64(5);
+        let (mut changed, mut expected) = (Changed { shift: 3, margin: 2, ..Changed::default() }, Changed::default());
+        for _ in 0..3000 {
+            let low: [i32; 3] = std::array::from_fn(|_| random.random_range(-60..60));
+            let high = low.map(|c| c + random.random_range(0..3));
+            changed.add_between(low, high);
+            expected.stale.extend(cubes_between(low, high, 0, CUBE_SHIFT));
+            expected.near.extend(cubes_between(low, high, 2, 3));
+        }
+        assert_eq!((changed.stale, changed.near), (expected.stale, expected.near));
     }
 }
