@@ -95,7 +95,7 @@ class LiveView extends Stage {
       const parts = tile.parts.map(({ vao, levels }) => ({ vao, ...levels[level] })).filter((part) => part.count);
       this.drawn.tiles++;
       this.drawn.triangles += parts.reduce((sum, part) => sum + part.count / 3, 0);
-      yield { matrix: tile.matrix, colour: tile.colour, parts };
+      yield { submap: tile.submap, matrix: tile.matrix, colour: tile.colour, parts };
     }
   }
 

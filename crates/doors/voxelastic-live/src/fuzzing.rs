@@ -3,7 +3,7 @@
 use crate::ros::services::RequestSender;
 use crate::scene::{Scene, Thing};
 use crate::viewer::{Control, routes};
-use crate::{http, wire};
+use crate::{http, page, wire};
 use axum::Router;
 use std::sync::Arc;
 use std::sync::mpsc::channel;
@@ -19,7 +19,7 @@ impl Server {
     pub fn viewer() -> Self {
         let scene = Arc::new(Scene::default());
         scene.put([(Thing::Statistics, vec![b' '; wire::HEAD + 10])]);
-        Self(routes(scene, "fuzzing", Control::new(RequestSender::new(channel().0), TOKEN)))
+        Self(routes(scene, page::html("fuzzing"), Control::new(RequestSender::new(channel().0), TOKEN)))
     }
 
     /// Foxglove's.

@@ -11,6 +11,7 @@ use axum::{Extension, Router};
 use hyper::server::conn::http1;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
+use std::hash::{BuildHasher, RandomState};
 use std::io;
 use std::net::{IpAddr, SocketAddr, TcpListener};
 use std::sync::Arc;
@@ -27,6 +28,8 @@ const HEAD_TIME: Duration = Duration::from_secs(5);
 const LARGEST_HEAD: usize = 16 << 10;
 /// A request is answered, and the answer taken, within this time; a node may take two minutes to answer.
 const LONGEST: Duration = Duration::from_secs(150);
+/// Shorter tokens could be guessed.
+const SHORTEST_TOKEN: usize = 16;
 /// Between attempts to take a connection when the system refuses.
 const PAUSE: Duration = Duration::from_millis(100);
 /// After a connection that is turned away: whoever opens one after the other costs no more than so many.
@@ -45,6 +48,30 @@ pub(crate) struct HttpServer {
 /// A connection's place among those that are allowed: who keeps a connection keeps this.
 #[derive(Clone, Debug)]
 pub(crate) struct Place(#[expect(dead_code, reason = "kept for what happens when it is dropped")] Arc<OwnedSemaphorePermit>);
+
+/// A word that those know who may change something.
+#[derive(Debug)]
+pub(crate) struct Token(String);
+
+impl Token {
+    /// None if it could be guessed or not be sent.
+    pub(crate) fn new(token: &str) -> Option<Self> {
+        let is_token = token.len() >= SHORTEST_TOKEN && token.bytes().all(|byte| byte.is_ascii_graphic());
+        is_token.then(|| Self(token.to_owned()))
+    }
+
+    /// Whether a request has it. The time that takes does not say how much of it is right.
+    pub(crate) fn is_in(&self, headers: &HeaderMap) -> bool {
+        let sent = headers.get(header::AUTHORIZATION).map(|value| value.as_bytes().strip_prefix(b"Bearer ").unwrap_or_default()).unwrap_or_default();
+        let differs = sent.iter().zip(self.0.bytes()).fold(0, |differs, (a, b)| differs | (a ^ b));
+        differs == 0 && sent.len() == self.0.len()
+    }
+}
+
+/// A word that nobody can know before.
+pub(crate) fn unknown_word() -> String {
+    format!("{:016x}{:016x}", RandomState::new().hash_one(0), RandomState::new().hash_one(1))
+}
 
 /// Who may ask.
 #[derive(Clone, Debug)]

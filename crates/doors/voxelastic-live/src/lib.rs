@@ -13,11 +13,13 @@
 //! | [`publisher`] | from the mapper to the scene: what changed, and which tiles of the surface |
 //! | [`scene`] | what viewers show, as messages ([`wire`]): the latest of each thing |
 //! | [`viewer`] | the server of the page that shows it |
+//! | [`editor`] | the page on which a saved map is mended by hand |
 //!
 //! A [`Transport`](transport::Transport) runs on a thread of its own and fills a queue. The mapper's thread takes from it. When scans come faster than
 //! they can be mapped, the newest win, by the rule of [`feed::Overload`], and those left out are counted. After each event a [`Publisher`](publisher::Publisher)
 //! puts what changed into a [`Scene`](scene::Scene), and never waits for those who look at it.
 
+pub mod editor;
 pub mod feed;
 #[cfg(feature = "fuzzing")]
 pub mod fuzzing;

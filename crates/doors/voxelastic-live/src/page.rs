@@ -1,12 +1,14 @@
-//! The page of the viewer: HTML, CSS and JavaScript of `page/`, with the scripts that it shares with the report.
+//! The pages of the viewer and of the editor: HTML, CSS and JavaScript of `page/`, with the scripts that they share with the report.
 
 use serde_json::json;
 use voxelastic_report::scripts::{self, escaped, filled, script_safe};
 
 const PAGE: &str = include_str!("../page/page.html");
 const STYLE: &str = include_str!("../page/live.css");
+const EDIT_PAGE: &str = include_str!("../page/edit.html");
+const EDIT_STYLE: &str = include_str!("../page/edit.css");
 /// In the order of their dependencies.
-const SCRIPTS: [&str; 10] = [
+const SHARED: [&str; 9] = [
     scripts::BASE,
     scripts::MATHS,
     scripts::UNPACK,
@@ -15,25 +17,43 @@ const SCRIPTS: [&str; 10] = [
     scripts::STEER,
     include_str!("../page/detail.js"),
     include_str!("../page/live_view.js"),
-    include_str!("../page/live_panel.js"),
     include_str!("../page/connection.js"),
 ];
+const VIEWER: [&str; 2] = [include_str!("../page/live_panel.js"), include_str!("../page/live_main.js")];
+const EDITOR: [&str; 5] = [
+    include_str!("../page/edit_view.js"),
+    include_str!("../page/gizmo.js"),
+    include_str!("../page/edit_tools.js"),
+    include_str!("../page/edit_panel.js"),
+    include_str!("../page/edit_main.js"),
+];
 
-/// The page, which needs nothing but the socket.
+/// The page of the viewer, which needs nothing but the socket.
 pub fn html(title: &str) -> String {
+    page(PAGE, title, STYLE, &VIEWER)
+}
+
+/// The page of the editor.
+pub fn edit_html(title: &str) -> String {
+    page(EDIT_PAGE, title, EDIT_STYLE, &EDITOR)
+}
+
+fn page(template: &str, title: &str, style: &str, own: &[&str]) -> String {
     let data = script_safe(&json!({ "ramps": scripts::ramps() }).to_string());
-    let (title, style, script) = (escaped(title), [scripts::STYLE, STYLE].join("\n"), SCRIPTS.join("\n"));
-    filled(PAGE, &[("title", &title), ("style", &style), ("data", &data), ("script", &script)])
+    let (title, style, script) = (escaped(title), [scripts::STYLE, style].join("\n"), [&SHARED[..], own].concat().join("\n"));
+    filled(template, &[("title", &title), ("style", &style), ("data", &data), ("script", &script)])
 }
 
 #[cfg(test)]
 mod tests {
     #[test]
-    fn the_page_needs_no_network_and_escapes_its_title() {
-        let html = super::html("</title><script>alert(1)</script>");
-        assert!(!html.contains("alert(1)</script>") && html.matches("<script>").count() == 1);
-        for word in ["http:", "https:", "src=", "@import", "url(", "{{"] {
-            assert!(!html.replace("http://www.w3.org/2000/svg", "").contains(word), "{word}");
+    fn pages_need_no_network_and_escape_their_titles() {
+        let title = "</title><script>alert(1)</script>";
+        for html in [super::html(title), super::edit_html(title)] {
+            assert!(!html.contains("alert(1)</script>") && html.matches("<script>").count() == 1);
+            for word in ["http:", "https:", "src=", "@import", "url(", "{{"] {
+                assert!(!html.replace("http://www.w3.org/2000/svg", "").contains(word), "{word}");
+            }
         }
     }
 }

@@ -9,7 +9,7 @@
 //!
 //! It serves what is in a [`Scene`], to those whom `HttpServer` lets in. Without a token it changes nothing.
 
-use crate::http::{HttpServer, Place};
+use crate::http::{HttpServer, Place, Token, unknown_word};
 use crate::link::{Link, Urgency};
 use crate::page;
 use crate::ros::services::{Request, RequestSender, Response as Answered};
@@ -23,7 +23,6 @@ use axum::response::{Html, IntoResponse, Response};
 use axum::routing::{get, post};
 use axum::{Extension, Router};
 use std::collections::HashMap;
-use std::hash::{BuildHasher, RandomState};
 use std::io;
 use std::net::SocketAddr;
 use std::sync::Arc;
@@ -40,8 +39,6 @@ const SHORTEST_PAUSE: Duration = Duration::from_millis(50);
 const OVER_LINK: [Duration; 2] = [Duration::from_secs(1), Duration::from_secs(2)];
 /// A viewer that takes nothing for this long is given up.
 const STALL: Duration = Duration::from_secs(30);
-/// Shorter tokens could be guessed.
-const SHORTEST_TOKEN: usize = 16;
 /// A viewer has nothing to say; who controls the node says it within this time.
 const LARGEST_REQUEST: usize = 4096;
 const REQUEST_TIME: Duration = Duration::from_secs(5);
@@ -64,21 +61,13 @@ struct Site {
 #[derive(Debug)]
 pub struct Control {
     requests: RequestSender,
-    token: String,
+    token: Token,
 }
 
 impl Control {
     /// By those who know `token`, whose requests go to `requests`; none if the token could be guessed or not be sent.
     pub fn new(requests: RequestSender, token: &str) -> Option<Self> {
-        let is_token = token.len() >= SHORTEST_TOKEN && token.bytes().all(|byte| byte.is_ascii_graphic());
-        is_token.then(|| Self { requests, token: token.to_owned() })
-    }
-
-    /// Whether a request has the token. The time that takes does not say how much of it is right.
-    fn allows(&self, headers: &HeaderMap) -> bool {
-        let sent = headers.get(header::AUTHORIZATION).map(|value| value.as_bytes().strip_prefix(b"Bearer ").unwrap_or_default()).unwrap_or_default();
-        let differs = sent.iter().zip(self.token.bytes()).fold(0, |differs, (a, b)| differs | (a ^ b));
-        differs == 0 && sent.len() == self.token.len()
+        Some(Self { requests, token: Token::new(token)? })
     }
 }
 
@@ -88,7 +77,7 @@ impl Viewer {
     /// # Errors
     /// When the address is taken or not of this machine, or the system has no thread.
     pub fn start(scene: Arc<Scene>, title: &str, address: SocketAddr, origins: Vec<String>, control: Option<Control>) -> io::Result<Self> {
-        HttpServer::start("viewer", address, origins, routes(scene, title, control)).map(Self)
+        HttpServer::start("viewer", address, origins, routes(scene, page::html(title), control)).map(Self)
     }
 
     /// Where it is.
@@ -97,11 +86,11 @@ impl Viewer {
     }
 }
 
-/// What is answered where.
-pub(crate) fn routes(scene: Arc<Scene>, title: &str, control: Option<Control>) -> Router {
+/// What is answered where: `page` at the root.
+pub(crate) fn routes(scene: Arc<Scene>, page: String, control: Option<Control>) -> Router {
     let session = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_nanos() as u64);
     let viewers = Arc::new(Semaphore::new(VIEWERS));
-    let site = Site { scene, page: page::html(title).into(), session, viewers, control: control.map(Arc::new) };
+    let site = Site { scene, page: page.into(), session, viewers, control: control.map(Arc::new) };
     let routes = Router::new().route("/", get(page_of)).route("/socket", get(socket)).route("/health", get(health));
     let requests = ["/save", "/mesh", "/pause", "/resume", "/reset", "/load", "/explore", "/explore/pause", "/explore/home"];
     requests.into_iter().fold(routes, |routes, path| routes.route(path, post(self::control))).with_state(site)
@@ -109,7 +98,7 @@ pub(crate) fn routes(scene: Arc<Scene>, title: &str, control: Option<Control>) -
 
 /// The page. Its own scripts are those with a word that nobody can know before, so that nothing else in it is ever run.
 async fn page_of(State(site): State<Site>) -> Response {
-    let nonce = format!("{:016x}{:016x}", RandomState::new().hash_one(0), RandomState::new().hash_one(1));
+    let nonce = unknown_word();
     let policy = format!(
         "default-src 'none'; script-src 'nonce-{nonce}'; style-src 'unsafe-inline'; img-src data:; connect-src 'self'; base-uri 'none'; form-action 'none'; \
          frame-ancestors 'none'"
@@ -128,7 +117,7 @@ async fn control(State(site): State<Site>, headers: HeaderMap, uri: Uri, body: B
     let Some(control) = site.control.clone() else {
         return (StatusCode::FORBIDDEN, "this node is not controlled over HTTP: start it with a token\n").into_response();
     };
-    if !control.allows(&headers) {
+    if !control.token.is_in(&headers) {
         return (StatusCode::UNAUTHORIZED, "send the token: Authorization: Bearer TOKEN\n").into_response();
     }
     let Ok(body) = tokio::time::timeout(REQUEST_TIME, to_bytes(body, LARGEST_REQUEST)).await else {

@@ -4,7 +4,7 @@ const FOV = 0.75; // vertical opening angle, radians
 const BACKDROP = 8e6; // pixels of the pictures that are combined, at most
 
 /**
- * Draws what `surfaces()` gives: each has a `matrix` to the map, a `colour` and `parts` as `upload` returns them. `bounds` are the `low` and `high` corner
+ * Draws what `surfaces()` gives: each has a `matrix` to the map, a `colour`, perhaps a `mode` of its own, and `parts` as `upload` returns them. `bounds` are the `low` and `high` corner
  * of the map and the `heights` of the colours; `lines` are sets of segments, each shown if `show` says so.
  */
 class Stage {
@@ -235,7 +235,6 @@ class Stage {
     const { p, uniforms: u } = this.surfaceProgram;
     gl.useProgram(p);
     gl.uniformMatrix4fv(u.toScreen, false, this.toScreen);
-    gl.uniform1i(u.mode, show.mode);
     gl.uniform3fv(u.eye, this.eye());
     gl.uniform3fv(u.unknown, rgb(themed("--soft")));
     gl.uniform2fv(u.heights, this.bounds.heights);
@@ -248,6 +247,7 @@ class Stage {
     gl.vertexAttrib3f(3, 0.5, 0.5, 0.5); // of surfaces without colours among others that have some
     for (const s of this.surfaces()) {
       gl.uniformMatrix4fv(u.toMap, false, s.matrix);
+      gl.uniform1i(u.mode, s.mode ?? show.mode);
       gl.uniform3fv(u.submapColour, s.colour.map((c) => c / 255));
       for (const { vao, count, first } of s.parts) {
         gl.bindVertexArray(vao);

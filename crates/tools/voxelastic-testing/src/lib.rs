@@ -18,11 +18,13 @@
 mod browser;
 mod domain;
 pub mod packets;
+mod page;
 mod skip;
 mod small_disk;
 
 pub use browser::Browser;
 pub use domain::Domain;
+pub use page::Page;
 pub use skip::{Need, skip};
 pub use small_disk::SmallDisk;
 use std::path::{Path, PathBuf};

@@ -7,6 +7,7 @@ use nalgebra::{Quaternion, Translation3, UnitQuaternion, Vector3};
 use std::cell::RefCell;
 use std::collections::BTreeSet;
 use std::ops::Range;
+use std::path::Path;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 use voxelastic::Pose;
@@ -28,8 +29,19 @@ pub fn parse(text: &str, file: &str) -> Result<Vec<Edit>> {
     Ok(parse_with_lines(text, file)?.into_iter().map(|(_, edit)| edit).collect())
 }
 
+/// The edits of a file, each with the line on which it begins.
+///
+/// # Errors
+/// A file that cannot be read, or is no list of edits: what is wrong is named by line and key.
+pub fn read(file: &Path) -> Result<Vec<(usize, Edit)>> {
+    let name = file.display().to_string();
+    let text = std::fs::read_to_string(file)
+        .map_err(|error| Error::new(format!("{name}: {error}"), "give a list of edits: `[[edit]]` tables in a text file"))?;
+    parse_with_lines(&text, &name)
+}
+
 /// As [`parse`], each with the line on which it begins.
-pub(super) fn parse_with_lines(text: &str, file: &str) -> Result<Vec<(usize, Edit)>> {
+fn parse_with_lines(text: &str, file: &str) -> Result<Vec<(usize, Edit)>> {
     let place = Place { text, file };
     let document = DeTable::parse(text).map_err(|error| {
         let span = error.span().unwrap_or(0..0);

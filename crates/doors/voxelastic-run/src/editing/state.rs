@@ -38,12 +38,30 @@ pub struct Done {
     pub fit: Option<Fit>,
 }
 
+impl Done {
+    /// What an edit did, in words.
+    pub fn words(&self) -> String {
+        let mut words = self.kind.to_owned();
+        if self.surface_voxels + self.occupancy_voxels > 0 {
+            words += &format!(": {} voxels of surfaces and {} of occupancy", self.surface_voxels, self.occupancy_voxels);
+        }
+        if let Some(fit) = &self.fit {
+            let (overlap, spread) = (100.0 * fit.overlap, 100.0 * fit.spread_m);
+            words += &format!(": {} places fit, {overlap:.0} % of their surfaces, {spread:.1} cm apart", fit.edges);
+        }
+        if self.moved_most_m > 0.0 {
+            words += &format!(": scans moved by up to {:.3} m", self.moved_most_m);
+        }
+        words
+    }
+}
+
 /// A map with edits.
 #[derive(Clone)]
 pub(super) struct State {
     base: MapStore,
     settings: Settings,
-    origin: Origin,
+    pub(super) origin: Origin,
     pub(super) entries: Vec<SubmapEntry>,
     /// Those whose fields are others than before the edits.
     pub(super) changed: BTreeMap<SubmapId, Arc<Submap>>,
@@ -113,7 +131,8 @@ impl State {
         self.base.manifest().details.clone()
     }
 
-    fn graph(&mut self) -> Result<&mut Graph> {
+    /// The pose graph, which is made once.
+    pub(super) fn graph(&mut self) -> Result<&mut Graph> {
         let graph = match self.graph.take() {
             Some(graph) => graph,
             None => Graph::of(&self.base)?,
@@ -134,7 +153,7 @@ impl State {
     }
 
     /// A submap as it is now.
-    fn submap(&self, id: SubmapId) -> Result<Submap> {
+    pub(super) fn submap(&self, id: SubmapId) -> Result<Submap> {
         let entry = self.entry(id)?;
         let mut submap = match self.changed.get(&id) {
             Some(changed) => Submap::clone(changed),

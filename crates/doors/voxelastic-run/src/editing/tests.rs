@@ -4,6 +4,7 @@ use super::*;
 use nalgebra::Vector3;
 use voxelastic::Pose;
 use voxelastic::changes::OccupancyThen;
+use voxelastic::event::Edge;
 
 /// A number from -1 to 1 by its place in a sequence, with all of its digits.
 fn random(k: u32) -> f64 {

@@ -1,23 +1,28 @@
 //! `voxelastic edit`: mends a map by hand.
 
+use crate::commands::live::VIEWER;
 use crate::failure::{self, Failure};
-use crate::output;
+use crate::{interrupt, output};
 use anyhow::Context;
 use clap::{ArgGroup, Args};
 use serde::Serialize;
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
+use voxelastic_live::editor::EditPage;
 use voxelastic_run::editing::{self, Done, Edit, Editor, ListedClosure};
 use voxelastic_run::{map_files, threads};
 
 /// Mend a map by hand: erase, pin, add and remove closures, merge, crop; all can be undone
 ///
+/// Without a flag it serves a page on this machine, on which submaps are dragged, closures removed and added, and places erased; nothing is written before it is saved.
 /// Edits are a list that is kept with the map (MAP.vox/edits.toml). Each is on the disk when it is done; a process that is killed loses at most the one in hand.
 /// Undone, the map is what it was before, byte for byte. Commands that read maps see the edited one; those that write one refuse a map with edits,
 /// so that none is lost: `--keep` makes the edits part of it.
 #[derive(Debug, Args)]
 #[command(
-    group = ArgGroup::new("what").required(true),
+    group = ArgGroup::new("what"),
     after_help = "Examples:
+  voxelastic edit hall.vox                      then open the address that it prints
   voxelastic edit hall.vox --apply edits.toml   does what a file says, one edit after the other
   voxelastic edit hall.vox --list               the edits, and the closures that could be removed
   voxelastic edit hall.vox --undo 2             takes the last two back
@@ -40,11 +45,14 @@ pub struct EditArgs {
     /// Make the edits part of the map: they cannot be undone then
     #[arg(long, group = "what")]
     keep: bool,
+    /// Where to serve the page: an address of this machine and a port; port 0 is one that is free
+    #[arg(long, value_name = "ADDRESS:PORT", default_value = VIEWER, conflicts_with = "what")]
+    address: SocketAddr,
     /// Number of threads; 0 for all cores. The result does not depend on it
     #[arg(long, value_name = "N", default_value_t = 0)]
     threads: usize,
     /// Print one JSON object on stdout: map, edits, applied; with --list map, edits, closures
-    #[arg(long)]
+    #[arg(long, requires = "what")]
     json: bool,
 }
 
@@ -96,6 +104,15 @@ pub fn run(args: &EditArgs) -> anyhow::Result<u8> {
         return list(args);
     }
     let pool = threads::pool(args.threads)?;
+    if args.apply.is_none() && args.undo.is_none() && !args.keep {
+        let page = pool.install(|| EditPage::start(&args.map, args.address, 0))?;
+        interrupt::install("closing the editor");
+        match page.stay(&pool, interrupt::requested)? {
+            0 => {}
+            lost => tracing::warn!("{lost} edits were not saved"),
+        }
+        return Ok(failure::DONE);
+    }
     let (edits, applied) = match (&args.apply, args.undo) {
         (Some(file), _) => pool.install(|| apply(&args.map, file))?,
         (None, Some(Undo::Last(count))) => {
@@ -144,26 +161,10 @@ fn apply(map: &Path, file: &Path) -> anyhow::Result<(usize, Vec<Done>)> {
             };
             format!("{}, line {line}: edit {} ({kind}) is refused, {done}", file.display(), before + 1)
         })?;
-        tracing::info!("{}: {}", editor.edits().len(), words(&done));
+        tracing::info!("{}: {}", editor.edits().len(), done.words());
         applied.push(done);
     }
     Ok((editor.edits().len(), applied))
-}
-
-/// What an edit did, in words.
-fn words(done: &Done) -> String {
-    let mut words = done.kind.to_owned();
-    if done.surface_voxels + done.occupancy_voxels > 0 {
-        words += &format!(": {} voxels of surfaces and {} of occupancy", done.surface_voxels, done.occupancy_voxels);
-    }
-    if let Some(fit) = &done.fit {
-        let (overlap, spread) = (100.0 * fit.overlap, 100.0 * fit.spread_m);
-        words += &format!(": {} places fit, {overlap:.0} % of their surfaces, {spread:.1} cm apart", fit.edges);
-    }
-    if done.moved_most_m > 0.0 {
-        words += &format!(": scans moved by up to {:.3} m", done.moved_most_m);
-    }
-    words
 }
 
 /// Lists edits and closures. It takes no lock, so that it works while somebody edits the map.

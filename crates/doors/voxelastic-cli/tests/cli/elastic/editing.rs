@@ -14,7 +14,7 @@ use voxelastic_io::store::{MapEditor, MapStore};
 use voxelastic_io::{PoseGraph, g2o, pcd, ply, poses};
 
 /// All files of a map, also its lock and the log of its run.
-fn files(map: &Path) -> BTreeMap<String, Vec<u8>> {
+pub fn files(map: &Path) -> BTreeMap<String, Vec<u8>> {
     let entries = fs::read_dir(map).unwrap().map(|entry| entry.unwrap());
     entries.map(|entry| (entry.file_name().into_string().unwrap(), fs::read(entry.path()).unwrap())).collect()
 }
@@ -37,7 +37,8 @@ fn corrected(map: &Path) -> BTreeMap<NodeId, Pose> {
     all
 }
 
-fn largest_error(map: &Path, truth: &[Pose]) -> f64 {
+/// How far a scan of a map is from the truth, at most, metres.
+pub fn largest_error(map: &Path, truth: &[Pose]) -> f64 {
     corrected(map).iter().map(|(node, pose)| pose.translation_distance(&truth[*node as usize])).fold(0.0, f64::max)
 }
 
@@ -46,9 +47,9 @@ fn edge(poses: &[Pose], from: usize, to: usize, wrong_by: [f64; 3]) -> Edge {
     Edge { from: from as NodeId, to: to as NodeId, t_from_to: poses[from].inv_mul(&(off * poses[to])), information: None }
 }
 
-/// A street, once round and a bit, whose odometry climbs by 4 mm a scan and has a loop edge that is wrong by 2.8 m and none that is right, with ghosts in the air.
+/// A street, once round and a bit, whose odometry climbs by `climb` metres a scan and has a loop edge that is wrong by 2.8 m and none that is right, with ghosts in the air.
 /// Returns where the ghosts are, and the true poses.
-fn broken_street(dir: &Path) -> ([f64; 3], Vec<Pose>) {
+pub fn broken_street(dir: &Path, climb: f64) -> ([f64; 3], Vec<Pose>) {
     works(dir, "simulate street -o street --laps 1.15 --spacing 1.5 --columns 512");
     let street = dir.join("street");
     let truth = poses::read(street.join("groundtruth.tum")).unwrap().poses;
@@ -57,7 +58,7 @@ fn broken_street(dir: &Path) -> ([f64; 3], Vec<Pose>) {
             fs::remove_file(entry).unwrap();
         }
     }
-    let odometry: Vec<Pose> = truth.iter().enumerate().map(|(k, pose)| Pose::translation(0.0, 0.0, 0.004 * k as f64) * pose).collect();
+    let odometry: Vec<Pose> = truth.iter().enumerate().map(|(k, pose)| Pose::translation(0.0, 0.0, climb * k as f64) * pose).collect();
     let stamped: Vec<(f64, Pose)> = odometry.iter().enumerate().map(|(k, pose)| (0.1 * k as f64, *pose)).collect();
     poses::write_tum(street.join("poses.tum"), &stamped).unwrap();
     let nodes = odometry.iter().enumerate().map(|(k, pose)| (k as NodeId, *pose)).collect();
@@ -85,7 +86,7 @@ fn broken_street(dir: &Path) -> ([f64; 3], Vec<Pose>) {
 }
 
 /// Vertices of the mesh of a map within a distance of a place.
-fn vertices_near(dir: &Path, map: &str, place: [f64; 3], radius: f64) -> usize {
+pub fn vertices_near(dir: &Path, map: &str, place: [f64; 3], radius: f64) -> usize {
     works(dir, &format!("mesh {map} -o near.ply --keep-all"));
     let distance = |p: &[f32; 3]| (0..3).map(|k| (f64::from(p[k]) - place[k]).powi(2)).sum::<f64>().sqrt();
     ply::read_mesh(dir.join("near.ply")).unwrap().positions.iter().filter(|p| distance(p) < radius).count()
@@ -94,7 +95,7 @@ fn vertices_near(dir: &Path, map: &str, place: [f64; 3], radius: f64) -> usize {
 #[test]
 fn a_broken_map_is_mended_from_metres_to_centimetres() {
     let dir = tempfile::tempdir().unwrap();
-    let (at, (ghost, truth)) = (dir.path(), broken_street(dir.path()));
+    let (at, (ghost, truth)) = (dir.path(), broken_street(dir.path(), 0.004));
     let map = at.join("street.vox");
     works(at, "map street -o street.vox --optimize --field both --voxel-size 0.2 --max-range 30 --lambda-odom 15 --lambda-cluster 0");
     let before = (largest_error(&map, &truth), files(&map));

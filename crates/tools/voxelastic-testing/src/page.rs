@@ -1,23 +1,27 @@
 //! A headless Chromium that runs expressions in a page, over its DevTools socket.
 
+use crate::Browser as Process;
 use serde_json::{Value, json};
 use std::io::{Read, Write};
 use std::net::TcpStream;
 use std::path::Path;
 use std::time::{Duration, Instant};
 use tungstenite::{Message, WebSocket};
-use voxelastic_testing::Browser as Process;
 
-/// A browser with one page that runs expressions.
-pub struct Browser {
+/// A browser with one page that runs expressions. Its calls panic when the page or the browser does not do what is asked.
+#[derive(Debug)]
+pub struct Page {
     /// Stopped when dropped.
     _process: Process,
     socket: Option<WebSocket<TcpStream>>,
     calls: u64,
 }
 
-impl Browser {
-    /// Opens `url`; none, after noting the skip, without a browser.
+impl Page {
+    /// Opens `url`; none, after noting the skip, without a browser. `profile` is a folder of its own.
+    ///
+    /// # Panics
+    /// When the browser does not answer.
     pub fn open(url: &str, profile: &Path) -> Option<Self> {
         let flags = ["--remote-debugging-port=0", "--window-size=1000,700"];
         let process = Process::open(url, profile, &flags)?;
@@ -31,7 +35,8 @@ impl Browser {
         Some(browser)
     }
 
-    fn call(&mut self, method: &str, parameters: &Value) -> Value {
+    /// The answer to a method of the DevTools protocol.
+    pub fn call(&mut self, method: &str, parameters: &Value) -> Value {
         self.calls += 1;
         let (id, socket) = (self.calls, self.socket.as_mut().unwrap());
         socket.send(Message::text(json!({ "id": id, "method": method, "params": parameters }).to_string())).unwrap();

@@ -2,9 +2,6 @@
 //!
 //! Skipped where neither Chromium nor Chrome is installed.
 
-mod devtools;
-
-use devtools::Browser;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use voxelastic::event::{Edge, Event, Scan};
@@ -14,7 +11,7 @@ use voxelastic::{Cloud, Mapper, Pose, Settings};
 use voxelastic_live::publisher::{Publisher, ShownScan};
 use voxelastic_live::scene::Scene;
 use voxelastic_live::viewer::Viewer;
-use voxelastic_testing::PATIENCE;
+use voxelastic_testing::{PATIENCE, Page};
 
 /// A corridor of 4 x 3 m along x, seen from `x` metres along it.
 fn corridor(x: f64) -> Cloud {
@@ -81,7 +78,7 @@ fn the_map_grows_bends_and_comes_back() {
     let viewer = Viewer::start(Arc::clone(&scene), "corridor", ([127, 0, 0, 1], 0).into(), Vec::new(), None).unwrap();
     let profile = tempfile::tempdir().unwrap();
     let address = viewer.address();
-    let Some(mut page) = Browser::open(&format!("http://{address}/"), profile.path()) else { return };
+    let Some(mut page) = Page::open(&format!("http://{address}/"), profile.path()) else { return };
 
     // It was there before the page, and grows.
     page.wait("window.voxelastic !== undefined && voxelastic.view.triangles > 0");
@@ -97,7 +94,7 @@ fn the_map_grows_bends_and_comes_back() {
 
     // What is far is drawn with fewer triangles, what is out of the picture not at all, and what is near with all.
     page.wait(&format!("voxelastic.seen.goal > 0n && voxelastic.seen.goal <= {}n", scene.news(Default::default(), usize::MAX).have.tiles));
-    let drawn = |page: &mut Browser, camera: &str| {
+    let drawn = |page: &mut Page, camera: &str| {
         let drawn = format!(
             "(async () => {{
                 const {{ view }} = voxelastic;

@@ -1,0 +1,270 @@
+//! The page of `voxelastic edit`, in a browser: a map that is broken on purpose is mended with the pointer and the keys alone.
+//!
+//! Skipped where neither Chromium nor Chrome is installed.
+
+use crate::elastic::editing::{self, broken_street, largest_error, vertices_near};
+use crate::{fails, voxelastic, works};
+use serde_json::{Value, json};
+use std::collections::BTreeMap;
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::TcpStream;
+use std::path::Path;
+use std::process::{Child, Stdio};
+use std::time::{Duration, Instant};
+use voxelastic::event::NodeId;
+use voxelastic::geometry::PoseExt;
+use voxelastic_io::store::MapStore;
+use voxelastic_testing::Page;
+
+/// All files of a map but the lock, which names who has it.
+fn files(map: &Path) -> BTreeMap<String, Vec<u8>> {
+    let mut files = editing::files(map);
+    files.remove(".lock");
+    files
+}
+
+/// A process that serves the page; killed when dropped.
+struct Served {
+    child: Child,
+    url: String,
+}
+
+impl Served {
+    fn start(dir: &Path, map: &str) -> Self {
+        let mut child = voxelastic(dir).args(["edit", map, "--address", "127.0.0.1:0"]).stderr(Stdio::piped()).spawn().unwrap();
+        let mut lines = BufReader::new(child.stderr.take().unwrap()).lines();
+        let url = lines.by_ref().map_while(Result::ok).find_map(|line| Some(line.split_once("editor: ")?.1.trim().to_owned()));
+        // Whatever else it says is taken, so that it never waits for that.
+        std::thread::spawn(move || lines.for_each(drop));
+        Self { child, url: url.expect("the command serves no page") }
+    }
+
+    /// Asks as a page would that has a token; returns the whole answer.
+    fn ask(&self, path: &str, token: &str) -> String {
+        let host = self.url.trim_start_matches("http://").split('/').next().unwrap();
+        let mut stream = TcpStream::connect(host).unwrap();
+        stream.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
+        write!(stream, "POST {path} HTTP/1.1\r\nHost: {host}\r\nAuthorization: Bearer {token}\r\nContent-Length: 0\r\n\r\n").unwrap();
+        let mut answer = String::new();
+        stream.read_to_string(&mut answer).unwrap();
+        answer
+    }
+
+    fn token(&self) -> &str {
+        self.url.split_once('#').unwrap().1
+    }
+}
+
+impl Drop for Served {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// A hand at the page.
+struct Hand(Page);
+
+impl Hand {
+    fn mouse(&mut self, kind: &str, [x, y]: [f64; 2]) {
+        let parameters = json!({ "type": kind, "x": x, "y": y, "button": "left", "buttons": u8::from(kind != "mouseReleased"), "clickCount": 1 });
+        self.0.call("Input.dispatchMouseEvent", &parameters);
+    }
+
+    fn click_at(&mut self, place: [f64; 2]) {
+        self.mouse("mousePressed", place);
+        self.mouse("mouseReleased", place);
+    }
+
+    /// Clicks the middle of an element.
+    fn click(&mut self, selector: &str) {
+        let place = format!(
+            "(() => {{ const e = document.querySelector('{selector}'); e.scrollIntoView({{ block: 'center' }}); const b = e.getBoundingClientRect();
+               return [b.x + b.width / 2, b.y + b.height / 2]; }})()"
+        );
+        let place = pair(&self.0.value(&place));
+        self.click_at(place);
+    }
+
+    fn key(&mut self, key: &str, code: u32, control: bool) {
+        for kind in ["rawKeyDown", "keyUp"] {
+            let modifiers = if control { 2 } else { 0 };
+            self.0.call("Input.dispatchKeyEvent", &json!({ "type": kind, "key": key, "windowsVirtualKeyCode": code, "modifiers": modifiers }));
+        }
+    }
+
+    /// What is tried is there; takes it.
+    fn accept(&mut self, kind: &str) {
+        self.0.wait(&format!("voxelastic.editor.figures.trial?.kind === '{kind}' && !voxelastic.editor.running"));
+        println!("{}", self.0.value("document.getElementById('words').textContent").as_str().unwrap());
+        self.key("Enter", 13, false);
+        self.0.wait("voxelastic.editor.figures.trial === null");
+    }
+
+    /// A camera that stands still and sees all that was told, from above or not.
+    fn settle(&mut self, camera: Option<&str>) {
+        if let Some(camera) = camera {
+            self.0.value(&format!("Object.assign(voxelastic.view.camera, {camera}); voxelastic.view.draw()"));
+        }
+        let still = "(async () => {
+            const { view } = voxelastic, where = () => JSON.stringify([view.camera, view.tiles.size]);
+            let before = '';
+            while (before !== where()) { before = where(); await new Promise((done) => setTimeout(done, 400)); }
+            while (view.unfinished) await new Promise((done) => setTimeout(done, 10));
+            view.render(true);
+            while (view.unfinished) await new Promise((done) => setTimeout(done, 10));
+            return true;
+        })()";
+        assert_eq!(self.0.value(still), true);
+    }
+
+    /// A place of the picture, away from panels, at which a submap is seen.
+    fn place_of(&mut self, submap: u32) -> [f64; 2] {
+        let search = format!(
+            "(() => {{
+                const {{ view }} = voxelastic, {{ clientWidth: w, clientHeight: h }} = view.canvas;
+                for (let y = 60; y < h - 20; y += 17) for (let x = 290; x < w - 320; x += 17)
+                    if (document.elementFromPoint(x, y) === view.canvas && view.submapAt(x, y) === {submap}) return [x, y];
+                return null;
+            }})()"
+        );
+        pair(&self.0.value(&search))
+    }
+}
+
+fn pair(value: &Value) -> [f64; 2] {
+    [0, 1].map(|k| value[k].as_f64().unwrap_or_else(|| panic!("no place: {value}")))
+}
+
+#[test]
+fn a_broken_map_is_mended_on_the_page() {
+    let dir = tempfile::tempdir().unwrap();
+    let (at, (ghost, truth)) = (dir.path(), broken_street(dir.path(), 0.0));
+    let map = at.join("street.vox");
+    works(at, "map street -o street.vox --optimize --field both --voxel-size 0.2 --max-range 30 --lambda-odom 15 --lambda-cluster 0");
+    let (before, error) = (files(&map), largest_error(&map, &truth));
+    assert!(error > 1.0 && vertices_near(at, "street.vox", ghost, 0.8) > 20, "{error}");
+    let store = MapStore::open(&map).unwrap();
+    let submap_of = |node: usize| store.manifest().submaps.iter().find(|s| s.scans.iter().any(|scan| scan.node == node as NodeId)).unwrap().id;
+    let lap =
+        (200..truth.len()).min_by(|a, b| truth[*a].translation_distance(&truth[4]).total_cmp(&truth[*b].translation_distance(&truth[4]))).unwrap();
+    let (first, last) = (submap_of(4), submap_of(lap));
+    assert_ne!(first, last);
+
+    let served = Served::start(at, "street.vox");
+    // Others look, and change nothing: with another token, in another process, by the command.
+    assert!(served.ask("/edit/save", "a-guess-of-the-token").starts_with("HTTP/1.1 401"));
+    fails(at, "edit street.vox --undo 1", 1, &["edits or writes this map"]);
+    let second = Served::start(at, "street.vox");
+    let refused = second.ask("/edit/undo", second.token());
+    assert!(refused.contains("there is nothing to do"), "{refused}");
+    let refused = second.ask("/edit/save", second.token());
+    assert!(refused.starts_with("HTTP/1.1 409") && refused.contains("read-only"), "{refused}");
+    drop(second);
+
+    let profile = tempfile::tempdir().unwrap();
+    let clock = Instant::now();
+    let Some(page) = Page::open(&served.url, profile.path()) else { return };
+    let mut hand = Hand(page);
+    hand.0.call("Emulation.setDeviceMetricsOverride", &json!({ "width": 1280, "height": 800, "deviceScaleFactor": 1, "mobile": false }));
+    hand.0.wait("window.voxelastic?.editor.figures !== undefined && voxelastic.editor.figures !== null");
+    hand.0.wait(&format!("new Set([...voxelastic.view.tiles.values()].map((tile) => tile.submap)).size === {}", store.manifest().submaps.len()));
+    println!("page with {} submaps after {:.1} s", store.manifest().submaps.len(), clock.elapsed().as_secs_f64());
+    let clock = Instant::now();
+
+    // A submap is selected and dragged by a handle; the graph follows, and the picture comes soon.
+    let middle = submap_of(truth.len() / 3);
+    let camera = format!("{{ target: voxelastic.view.submaps.get({middle}).slice(0, 3), distance: 40, yaw: -0.9, pitch: 1.2 }}");
+    hand.settle(Some(&camera));
+    let place = hand.place_of(middle);
+    hand.click_at(place);
+    hand.0.wait(&format!("voxelastic.view.gizmo?.submap === {middle} && document.getElementById('which').textContent === 'Submap {middle}'"));
+    let handle = "(() => {
+        const { view } = voxelastic, { gizmo } = view;
+        return view.project(gizmo.pose().slice(0, 3).map((c, k) => c + (k ? 0 : 0.6 * gizmo.length())));
+    })()";
+    let handle = pair(&hand.0.value(handle));
+    let others = "JSON.stringify([...voxelastic.view.told].map(([id, pose]) => [id, ...pose.slice(0, 3)]))";
+    let before_drag: Vec<[f64; 4]> = serde_json::from_str(hand.0.value(others).as_str().unwrap()).unwrap();
+    hand.mouse("mousePressed", handle);
+    for k in 1..=25 {
+        hand.mouse("mouseMoved", [handle[0] + 2.0 * f64::from(k), handle[1]]);
+        std::thread::sleep(Duration::from_millis(40));
+    }
+    hand.mouse("mouseReleased", [handle[0] + 50.0, handle[1]]);
+    hand.0.wait("voxelastic.editor.figures.trial?.kind === 'pin' && !voxelastic.editor.running && !voxelastic.view.unfinished");
+    let after_drag: Vec<[f64; 4]> = serde_json::from_str(hand.0.value(others).as_str().unwrap()).unwrap();
+    let moved = |id: u32| {
+        let of = |all: &[[f64; 4]]| *all.iter().find(|row| row[0] == f64::from(id)).unwrap();
+        let (a, b) = (of(&before_drag), of(&after_drag));
+        (1..4).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>().sqrt()
+    };
+    assert!(moved(middle) > 0.5 && moved(last) > 0.02 && moved(first) < 1e-3, "{} {} {}", moved(middle), moved(last), moved(first));
+    let drags = hand.0.value("[...voxelastic.editor.seen.drags].sort((a, b) => a - b)");
+    let drags: Vec<f64> = drags.as_array().unwrap().iter().map(|ms| ms.as_f64().unwrap()).collect();
+    println!("from drag to picture: {} times, {:.0} ms in the middle, at most {:.0} ms", drags.len(), drags[drags.len() / 2], drags[drags.len() - 1]);
+    assert!(drags.len() >= 3);
+    hand.key("Escape", 27, false);
+    hand.0.wait("voxelastic.editor.figures.trial === null");
+    assert!(files(&map) == before, "something is written before it is saved");
+
+    // The most suspicious closure goes.
+    assert_eq!(hand.0.value("document.querySelector('#closures [data-scans]').dataset.scans"), "40 150");
+    hand.click("#closures [data-scans]");
+    hand.accept("remove-closure");
+
+    // Two submaps at the same place are clicked, and lie on each other.
+    hand.click("[data-tool=closure]");
+    let camera = |id: u32| format!("{{ target: voxelastic.view.submaps.get({id}).slice(0, 3), distance: 60, yaw: -0.9, pitch: 1.2 }}");
+    for submap in [first, last] {
+        hand.settle(Some(&camera(submap)));
+        let place = hand.place_of(submap);
+        hand.click_at(place);
+        hand.0.wait(&format!("voxelastic.view.selected.includes({submap})"));
+    }
+    hand.0.wait("voxelastic.editor.figures.trial?.fits?.length === 2");
+    println!("{}", hand.0.value("JSON.stringify(voxelastic.editor.figures.trial.fits)").as_str().unwrap());
+    hand.accept("closure");
+
+    // The ghost goes in a box that is drawn from above.
+    hand.click("[data-tool=box]");
+    for (id, height) in [("low", ghost[2] - 0.9), ("high", ghost[2] + 0.9)] {
+        hand.0.value(&format!("document.getElementById('{id}').value = {height:.2}"));
+    }
+    hand.settle(None);
+    hand.settle(Some(&format!("{{ target: [{}, {}, {}], distance: 30 }}", ghost[0], ghost[1], ghost[2])));
+    let corner = |hand: &mut Hand, side: f64| {
+        pair(&hand.0.value(&format!("voxelastic.view.project([{}, {}, {}])", ghost[0] + 0.9 * side, ghost[1] + 0.9 * side, ghost[2])))
+    };
+    let (from, to) = (corner(&mut hand, -1.0), corner(&mut hand, 1.0));
+    hand.mouse("mousePressed", from);
+    hand.mouse("mouseMoved", [(from[0] + to[0]) / 2.0, (from[1] + to[1]) / 2.0]);
+    hand.mouse("mouseMoved", to);
+    hand.mouse("mouseReleased", to);
+    hand.accept("erase");
+
+    // Written when it is saved; undone and done again on the page, and the same bytes then.
+    assert!(files(&map) == before, "something is written before it is saved");
+    let save = |hand: &mut Hand| {
+        hand.key("s", 83, true);
+        hand.0.wait("voxelastic.editor.figures.is_saved && document.getElementById('words').textContent === 'saved'");
+    };
+    save(&mut hand);
+    let took = clock.elapsed();
+    let (saved, after) = (files(&map), largest_error(&map, &truth));
+    println!("largest error of a pose: {error:.2} m before, {after:.3} m after, in {:.1} s on the page", took.as_secs_f64());
+    assert!(after <= 0.05, "{after}");
+    assert_eq!(vertices_near(at, "street.vox", ghost, 0.8), 0);
+    for left in (0..3).rev() {
+        hand.key("z", 90, true);
+        hand.0.wait(&format!("voxelastic.editor.figures.edits.length === {left}"));
+    }
+    save(&mut hand);
+    assert!(files(&map) == before, "not all is undone");
+    for count in 1..=3 {
+        hand.key("y", 89, true);
+        hand.0.wait(&format!("voxelastic.editor.figures.edits.length === {count}"));
+    }
+    save(&mut hand);
+    assert!(files(&map) == saved, "not all is done again");
+}

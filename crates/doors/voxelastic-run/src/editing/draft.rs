@@ -1,0 +1,293 @@
+//! A map that is edited and looked at before it is written: every edit is tried first, then taken or dropped, and nothing is on the disk until it is saved.
+
+use super::closures::{ListedClosure, edits, listed, loops_of};
+use super::doubts::{Doubt, doubts};
+use super::editor::{Editor, locked, undo_all};
+use super::graph;
+use super::list::{Between, Edit};
+use super::state::{Done, State};
+use crate::error::{During, Error, Result};
+use crate::map_files;
+use rayon::prelude::*;
+use serde::Serialize;
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use voxelastic::Pose;
+use voxelastic::atlas::{Atlas, Submap, SubmapId};
+use voxelastic::event::{Edge, NodeId};
+use voxelastic_io::Origin;
+use voxelastic_io::store::MapEditor;
+
+/// A map with edits in memory.
+pub struct Draft {
+    dir: PathBuf,
+    /// None where somebody else has the map.
+    editor: Option<Editor>,
+    read_only: Option<String>,
+    /// Edits that the map has and that cannot be taken back here, because somebody else has it.
+    fixed: Vec<Edit>,
+    first: State,
+    steps: Vec<Step>,
+    undone: Vec<Step>,
+    trial: Option<Step>,
+    /// Of the run and of sessions, before all edits.
+    loops: Vec<Edge>,
+}
+
+/// An edit with the map that it makes.
+struct Step {
+    edit: Edit,
+    done: Done,
+    state: State,
+    /// How the two submaps of a closure agree before and after.
+    fits: Option<[Doubt; 2]>,
+}
+
+/// An edit that was tried.
+#[derive(Clone, Debug, Serialize)]
+pub struct Trial {
+    /// What it is called.
+    pub kind: &'static str,
+    /// What it does, in words.
+    pub words: String,
+    /// How the two submaps of a closure agree before and after; `null` for other edits, and where they have no surfaces in the same places.
+    pub fits: Option<[Doubt; 2]>,
+}
+
+/// A closure with where its scans are.
+#[derive(Clone, Debug, Serialize)]
+pub struct ShownClosure {
+    /// The closure.
+    #[serde(flatten)]
+    pub listed: ListedClosure,
+    /// Positions of its scans, metres from the map's origin.
+    pub ends: [[f64; 3]; 2],
+}
+
+impl Draft {
+    /// Opens a map: to edit it, or, if somebody else edits or writes it, to look at it as it is. To be called in a pool.
+    ///
+    /// # Errors
+    /// A map that is none or is damaged, and edits that cannot be done again.
+    pub fn open(map: &Path) -> Result<Self> {
+        let editor = match MapEditor::open(map) {
+            Ok(editor) => Editor::of(editor)?,
+            Err(error @ voxelastic_io::Error::Locked { .. }) => return Self::read_only(map, &locked(error)),
+            Err(error) => return Err(error.into()),
+        };
+        let first = State::of(editor.map.base())?;
+        let (mut state, mut steps) = (first.clone(), Vec::new());
+        for (k, mut edit) in editor.edits.clone().into_iter().enumerate() {
+            let done = state.apply(&mut edit).during(format!("edit {} of {} cannot be done again", k + 1, map.display()))?;
+            steps.push(Step { edit, done, state: state.clone(), fits: None });
+        }
+        let loops = loops_of(editor.map.base())?;
+        Ok(Self {
+            dir: map.to_owned(),
+            editor: Some(editor),
+            read_only: None,
+            fixed: Vec::new(),
+            first,
+            steps,
+            undone: Vec::new(),
+            trial: None,
+            loops,
+        })
+    }
+
+    fn read_only(map: &Path, why: &Error) -> Result<Self> {
+        let store = map_files::open(map)?;
+        let (fixed, first, loops) = (edits(&store)?, State::of(&store)?, loops_of(&store)?);
+        let read_only = Some(why.to_string());
+        Ok(Self { dir: map.to_owned(), editor: None, read_only, fixed, first, steps: Vec::new(), undone: Vec::new(), trial: None, loops })
+    }
+
+    /// Why the map cannot be edited, if so.
+    pub fn why_read_only(&self) -> Option<&str> {
+        self.read_only.as_deref()
+    }
+
+    /// Where the coordinates of submaps, scans and closures are counted from. Those of edits are counted from zero.
+    pub fn origin(&self) -> Origin {
+        self.first.origin
+    }
+
+    /// The edits so far, without the one that is tried.
+    pub fn edits(&self) -> impl Iterator<Item = &Edit> {
+        self.fixed.iter().chain(self.steps.iter().map(|step| &step.edit))
+    }
+
+    /// How many edits can be done again.
+    pub fn undone(&self) -> usize {
+        self.undone.len()
+    }
+
+    /// How many of the edits, from the first on, are on the disk; and whether the disk has nothing else.
+    pub fn saved(&self) -> (usize, bool) {
+        let Some(editor) = &self.editor else { return (self.fixed.len(), true) };
+        let common = editor.edits.iter().zip(&self.steps).take_while(|(saved, step)| **saved == step.edit).count();
+        (common, common == editor.edits.len() && common == self.steps.len())
+    }
+
+    /// The edit that is tried.
+    pub fn trial(&self) -> Option<Trial> {
+        self.trial.as_ref().map(|step| Trial { kind: step.done.kind, words: step.done.words(), fits: step.fits })
+    }
+
+    /// Tries an edit on the map with those before: what is shown is the map with it, until it is [accepted](Self::accept) or [dropped](Self::discard). One that
+    /// was tried before gives way. To be called in a pool.
+    ///
+    /// # Errors
+    /// An edit that the map refuses; the map is shown without one then.
+    pub fn attempt(&mut self, mut edit: Edit) -> Result<()> {
+        if let Some(why) = &self.read_only {
+            return Err(Error::new(why.clone(), "wait for it to end, and open the page again"));
+        }
+        self.trial = None;
+        let before = self.steps.last_mut().map_or(&mut self.first, |step| &mut step.state);
+        if matches!(edit, Edit::Pin { .. } | Edit::Closure { .. } | Edit::RemoveClosure { .. } | Edit::AlignSession { .. }) {
+            // It is the same for all that is tried on this map.
+            before.graph()?;
+        }
+        let mut state = before.clone();
+        let done = state.apply(&mut edit)?;
+        let fits = match edit {
+            Edit::Closure { between: Between::Submaps(submaps), .. } => {
+                agreement(before, submaps)?.zip(agreement(&state, submaps)?).map(<[Doubt; 2]>::from)
+            }
+            _ => None,
+        };
+        self.trial = Some(Step { edit, done, state, fits });
+        Ok(())
+    }
+
+    /// Takes the edit that is tried; false if there is none. What was undone cannot be done again then.
+    pub fn accept(&mut self) -> bool {
+        let Some(step) = self.trial.take() else { return false };
+        self.undone.clear();
+        self.steps.push(step);
+        true
+    }
+
+    /// Drops the edit that is tried; false if there is none.
+    pub fn discard(&mut self) -> bool {
+        self.trial.take().is_some()
+    }
+
+    /// Takes the last edit back; false if there is none.
+    pub fn undo(&mut self) -> bool {
+        self.trial = None;
+        let last = self.steps.pop();
+        let is_some = last.is_some();
+        self.undone.extend(last);
+        is_some
+    }
+
+    /// Does the edit again that was undone last; false if there is none.
+    pub fn redo(&mut self) -> bool {
+        self.trial = None;
+        let next = self.undone.pop();
+        let is_some = next.is_some();
+        self.steps.extend(next);
+        is_some
+    }
+
+    /// Writes the edits: when this returns, the map on the disk is durable, and the one that is shown without what is tried. To be called in a pool.
+    ///
+    /// # Errors
+    /// A map that cannot be written; it is as it was before then, or has those of its edits that this draft begins with.
+    pub fn save(&mut self) -> Result<()> {
+        let (common, is_saved) = self.saved();
+        let Some(editor) = &mut self.editor else {
+            return Err(Error::new(self.read_only.clone().unwrap_or_else(|| "the map is not open".to_owned()), "open the page again"));
+        };
+        if is_saved {
+            return Ok(());
+        }
+        if self.steps.is_empty() {
+            // Not a byte is left of the edits then, which needs the lock for itself.
+            drop(self.editor.take());
+            let undone = undo_all(&self.dir);
+            let reopened = Editor::open(&self.dir);
+            self.read_only = reopened.as_ref().err().map(Error::one_line);
+            self.editor = Some(reopened?);
+            return undone;
+        }
+        let edits = |count: usize| self.steps[..count].iter().map(|step| step.edit.clone()).collect();
+        if common < editor.edits.len() {
+            let state = common.checked_sub(1).map_or(&self.first, |last| &self.steps[last].state);
+            editor.replace(state, edits(common))?;
+        }
+        match self.steps.last() {
+            Some(step) if common < self.steps.len() => editor.replace(&step.state, edits(self.steps.len())),
+            _ => Ok(()),
+        }
+    }
+
+    fn state(&self) -> &State {
+        let last = self.trial.as_ref().or(self.steps.last());
+        last.map_or(&self.first, |step| &step.state)
+    }
+
+    /// The submaps with their poses, metres from the map's origin.
+    pub fn submaps(&self) -> impl Iterator<Item = (SubmapId, Pose)> {
+        self.state().entries.iter().map(|entry| (entry.id, entry.t_map_submap))
+    }
+
+    /// A submap whose fields an edit has changed; none if they are those of before all edits.
+    pub fn changed(&self, id: SubmapId) -> Option<&Arc<Submap>> {
+        self.state().changed.get(&id)
+    }
+
+    /// A submap as it is now.
+    ///
+    /// # Errors
+    /// When there is none with this number, or its file cannot be read.
+    pub fn submap(&self, id: SubmapId) -> Result<Submap> {
+        self.state().submap(id)
+    }
+
+    /// The scans, in the order of their nodes, each with its submap and its pose in the frame of that.
+    pub fn path(&self) -> Vec<(NodeId, SubmapId, Pose)> {
+        let mut path: Vec<_> =
+            self.state().entries.iter().flat_map(|entry| graph::now(entry).map(|(node, t_submap_lidar)| (node, entry.id, t_submap_lidar))).collect();
+        path.sort_by_key(|(node, ..)| *node);
+        path
+    }
+
+    /// The closures, the one that the poses contradict most first.
+    pub fn closures(&self) -> Vec<ShownClosure> {
+        let poses = graph::poses(&self.state().entries);
+        // What the edits of a map that somebody else has did is in its poses; its loop edges are those of before them.
+        let edits = self.edits().chain(self.trial.iter().map(|step| &step.edit));
+        let at: HashMap<NodeId, [f64; 3]> = poses.iter().map(|(node, pose)| (*node, pose.translation.vector.into())).collect();
+        let shown = |listed: ListedClosure| {
+            let [a, b] = listed.scans;
+            Some(ShownClosure { ends: [*at.get(&a)?, *at.get(&b)?], listed })
+        };
+        listed(self.loops.clone(), edits, &poses).into_iter().filter_map(shown).collect()
+    }
+
+    /// The pairs of submaps that disagree, the worst first. That looks at all surfaces. To be called in a pool.
+    ///
+    /// # Errors
+    /// When a submap cannot be read.
+    pub fn doubts(&self) -> Result<Vec<Doubt>> {
+        let ids: Vec<SubmapId> = self.submaps().map(|(id, _)| id).collect();
+        Ok(doubts(&atlas(self.state(), &ids)?))
+    }
+}
+
+/// Some submaps of a map.
+fn atlas(state: &State, ids: &[SubmapId]) -> Result<Atlas> {
+    let submaps = ids.par_iter().map(|id| state.submap(*id)).collect::<Result<Vec<_>>>()?;
+    let voxel = submaps.first().map_or(1.0, Submap::voxel_size);
+    Ok(Atlas::from_submaps(voxel, submaps))
+}
+
+/// How two submaps agree; none if they have no surfaces in the same places.
+fn agreement(state: &State, submaps: [SubmapId; 2]) -> Result<Option<Doubt>> {
+    let atlas = atlas(state, &submaps)?;
+    Ok(atlas.pair_agreement().first().map(|pair| Doubt::of(pair, atlas.voxel_size())))
+}
