@@ -157,7 +157,8 @@ impl Lately {
     /// Whether a range is another one than the last in its place.
     fn is_new(&mut self, range: CubeRange) -> bool {
         let [[x, y, z], _] = range.0;
-        let place = &mut self.0[(x.wrapping_mul(0x9e37_79b1) ^ y.wrapping_mul(0x85eb_ca6b) ^ z.wrapping_mul(0xc2b2_ae35)) as usize >> (32 - Self::BITS)];
+        let hash = x.wrapping_mul(0x9e37_79b1) ^ y.wrapping_mul(0x85eb_ca6b) ^ z.wrapping_mul(0xc2b2_ae35);
+        let place = &mut self.0[(hash >> (32 - Self::BITS)) as usize];
         std::mem::replace(place, range) != range
     }
 }
