@@ -327,7 +327,7 @@ fn a_second_editor_is_refused_and_nobody_loses_edits() {
     works(at, "edit room.vox --keep");
     assert!(!at.join("room.vox/edits.toml").exists() && !at.join("room.vox/base.json").exists());
     works(at, "repair room.vox");
-    fails(at, "edit room.vox", 2, &["--apply"]);
+    fails(at, "edit room.vox --json", 2, &["--apply"]);
     fails(at, "edit room.vox --list --keep", 2, &[]);
 }
 
