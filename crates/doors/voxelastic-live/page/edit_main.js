@@ -1,7 +1,7 @@
 // The editor: what is asked of the server, one thing after the other, and what it tells.
 
-/** What the server tells of an edit comes within this time, ms, or never. */
-const TOLD = 2000;
+/** The update after an edit comes within this time, ms, or never. */
+const UPDATE_TIMEOUT = 2000;
 
 class MapEditor {
   constructor(view) {
@@ -46,9 +46,9 @@ class MapEditor {
         this.seen.moved = moved;
         this.seen.tries++;
         if (!moved) this.say("trying …");
-        const told = new Promise((done) => { this.told = done; setTimeout(done, TOLD); });
+        const updated = new Promise((done) => { this.updated = done; setTimeout(done, UPDATE_TIMEOUT); });
         const isTried = await this.post("try", `[[edit]]\n${next}\n`);
-        await told;
+        await updated;
         if (!isTried) this.letGo();
       }
       this.running = null;
@@ -56,11 +56,11 @@ class MapEditor {
     return this.running;
   }
 
-  /** After what is tried: takes or drops it, undoes, does again, saves, looks for doubts. */
+  /** After what is tried: takes or drops it, undoes, does again, saves, looks for misaligned pairs. */
   async ask(name) {
     if (!this.mayEdit()) return;
     await this.running;
-    if (name === "doubts") this.say("looking …");
+    if (name === "misaligned") this.say("looking …");
     if (await this.post(name, "") && name === "discard") this.letGo();
     if (name === "accept") this.view.region = null;
     this.view.stale = true;
@@ -78,7 +78,7 @@ class MapEditor {
   select(ids) {
     const { view } = this;
     Object.assign(view, { selected: ids, local: null, gizmo: ids.length === 1 && this.tools.tool === "move" ? new Gizmo(view, ids[0]) : null, region: null, stale: true });
-    this.pose = view.told.get(ids[0]);
+    this.pose = view.serverPoses.get(ids[0]);
     view.arrange();
     this.numbers();
     view.draw();
@@ -86,7 +86,7 @@ class MapEditor {
 
   choosePair(ids) {
     this.select(ids);
-    const middle = ids.map((id) => this.view.told.get(id)).filter(Boolean);
+    const middle = ids.map((id) => this.view.serverPoses.get(id)).filter(Boolean);
     if (middle.length === 2) this.view.lookAtPlace(scaled(add(middle[0].slice(0, 3), middle[1].slice(0, 3)), 0.5));
   }
 
@@ -99,7 +99,7 @@ class MapEditor {
 
   /** Registers the two that are selected: from where they are shown, if one was dragged there and that was not taken. */
   register() {
-    const { view } = this, [a, b] = view.selected.map((id) => view.told.get(id));
+    const { view } = this, [a, b] = view.selected.map((id) => view.serverPoses.get(id));
     const start = () => [...movedBack(a, b.slice(0, 3)), ...turnedBy([...scaled(a.slice(3, 6), -1), a[6]], b.slice(3))];
     const from = this.figures?.trial?.kind === "pin" ? `\nstart = [${start()}]` : "";
     if (this.mayEdit()) this.attempt(`kind = "closure"\nsubmaps = [${view.selected}]${from}`);
@@ -192,9 +192,9 @@ class MapEditor {
     this.figures = figures;
     byId("figures").replaceChildren(...figures.rows.flatMap(([name, value]) => [el("dt", {}, name), el("dd", {}, value)]));
     if (!figures.trial) {
-      this.before = new Map(view.told);
+      this.before = new Map(view.serverPoses);
       Object.assign(view, { local: null, instead: null, region: null });
-      if (wasTried) this.pose = view.told.get(view.selected[0]);
+      if (wasTried) this.pose = view.serverPoses.get(view.selected[0]);
     }
     // The picture of what the pointer did is the next one.
     [view.asked, this.seen.moved] = [this.seen.moved || 0, 0];
@@ -208,7 +208,7 @@ class MapEditor {
     byId("undo").disabled ||= figures.edits.length === 0;
     byId("redo").disabled ||= figures.redo === 0;
     byId("save").disabled ||= figures.is_saved;
-    this.told?.();
+    this.updated?.();
     view.draw();
     if (figures.read_only) this.say(`${figures.read_only}: the page shows it as it is`, true);
     else if (!this.token) this.say("Read-only: open the whole address that the program printed, whose token is behind the #", true);

@@ -1,4 +1,4 @@
-// The panels: tools, numbers of what is selected, the edit that is tried; closures, doubts and edits.
+// The panels: tools, numbers of what is selected, the edit that is tried; closures, misaligned pairs and edits.
 
 /** Rows of a list that are shown. */
 const ROWS = 100;
@@ -43,7 +43,7 @@ function editPanels(view, editor) {
   byId("panel").addEventListener("submit", (e) => e.preventDefault());
   const list = (id, title, ...more) => [el("h2", { id: `${id}-title` }, title), ...more, el("ol", { class: "rows", id, "aria-labelledby": `${id}-title` })];
   byId("lists").append(...list("closures", "Closures"),
-    ...list("doubts", "Doubtful pairs", el("p", {}, button("look", "Look for them", "Compares the surfaces of all submaps", () => editor.ask("doubts")))),
+    ...list("misaligned", "Misaligned pairs", el("p", {}, button("look", "Look for them", "Compares the surfaces of all submaps", () => editor.ask("misaligned")))),
     ...list("edits", "Edits"));
   const acts = { reset: () => view.reset(), top: () => view.top() };
   document.querySelectorAll("[data-view]").forEach((b) => b.addEventListener("click", () => acts[b.dataset.view]()));
@@ -52,7 +52,7 @@ function editPanels(view, editor) {
 }
 
 /** What the lists have. */
-function showLists(view, editor, { closures, doubts, edits, saved }) {
+function showLists(view, editor, { closures, misaligned, edits, saved }) {
   const off = !editor.mayEdit();
   const middle = ([a, b]) => scaled(add(a, b), 0.5);
   byId("closures-title").textContent = closures.length ? `Closures (${closures.length}), the most suspicious first` : "No closures";
@@ -62,8 +62,8 @@ function showLists(view, editor, { closures, doubts, edits, saved }) {
     `${scans[0]} – ${scans[1]} `, el("small", {}, `${off_m.toFixed(3)} m off`)),
   el("button", { type: "button", disabled: off, "data-scans": scans.join(" "), "aria-label": `Remove the closure of scans ${scans.join(" and ")}`,
     onclick: () => editor.attempt(`kind = "remove-closure"\nscans = [${scans}]`) }, "Remove"))));
-  byId("doubts-title").textContent = doubts === null ? "Doubtful pairs" : doubts.length ? `Doubtful pairs (${doubts.length}), the worst first` : "No doubtful pairs";
-  byId("doubts").replaceChildren(...(doubts || []).slice(0, ROWS).map(({ submaps, places, matched, apart_m }) => el("li", {},
+  byId("misaligned-title").textContent = misaligned === null ? "Misaligned pairs" : misaligned.length ? `Misaligned pairs (${misaligned.length}), the worst first` : "No misaligned pairs";
+  byId("misaligned").replaceChildren(...(misaligned || []).slice(0, ROWS).map(({ submaps, places, matched, apart_m }) => el("li", {},
     el("button", { type: "button", class: "go", title: "Select both", onclick: () => editor.choosePair(submaps) }, `${submaps[0]} and ${submaps[1]} `,
       el("small", {}, `${Math.round(100 * matched)} % of ${places} places agree, ${(100 * apart_m).toFixed(1)} cm apart`)),
     el("button", { type: "button", disabled: off, "data-pair": submaps.join(" "), "aria-label": `Register submaps ${submaps.join(" and ")}`,

@@ -24,7 +24,7 @@ class EditView extends LiveView {
     this.lines.gizmo = this.lineSet();
     Object.assign(this.show, { mode: 1, path: true, loops: true, region: true, gizmo: true });
     // `local` is what the pointer moves, until the server knows; `instead` poses that are shown for comparison.
-    Object.assign(this, { follow: false, selected: [], closures: [], pointed: -1, region: null, local: null, instead: null, told: new Map(), gizmo: null });
+    Object.assign(this, { follow: false, selected: [], closures: [], pointed: -1, region: null, local: null, instead: null, serverPoses: new Map(), gizmo: null });
   }
 
   *surfaces() {
@@ -44,13 +44,13 @@ class EditView extends LiveView {
 
   /** Poses as the server has them. */
   setSubmaps(poses) {
-    this.told = poses;
+    this.serverPoses = poses;
     this.arrange();
   }
 
   /** The poses that are shown. */
   arrange() {
-    const poses = new Map(this.instead || this.told);
+    const poses = new Map(this.instead || this.serverPoses);
     if (this.local && poses.has(this.local.submap)) poses.set(this.local.submap, this.local.pose);
     super.setSubmaps(poses);
     this.selected = this.selected.filter((id) => poses.has(id));

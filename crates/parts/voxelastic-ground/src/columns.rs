@@ -40,15 +40,17 @@ pub(crate) struct Lattice {
     pub side: usize,
     /// Their edge, metres.
     pub cube: f64,
+    /// log2 of the edge of a tile in cells; also of the cubes that are looked up together, in voxels.
+    pub shift: u32,
 }
 
 impl Lattice {
-    pub fn new(resolution: f64, finest: f64) -> Result<Self, GroundError> {
+    pub fn new(resolution: f64, finest: f64, shift: u32) -> Result<Self, GroundError> {
         if !(0.5 * finest..=100.0 * finest).contains(&resolution) {
             return Err(GroundError::Resolution { resolution, finest });
         }
         let side = ((resolution / finest - 1e-3).ceil() as usize).max(1);
-        Ok(Self { resolution, side, cube: resolution / side as f64 })
+        Ok(Self { resolution, side, cube: resolution / side as f64, shift })
     }
 }
 

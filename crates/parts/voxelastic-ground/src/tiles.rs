@@ -13,10 +13,9 @@ use voxelastic::atlas::{Atlas, Submap, SubmapScan};
 use voxelastic::field::occupancy::State;
 use voxelastic::query::{AtlasQuery, Cube, DistanceQuery, Resampling};
 
-/// log2 of the edge of a tile in cells; also of the cubes that are looked up together, in voxels.
+/// log2 of the edge of a tile in cells, for all of a map, and for what is near a robot: there most of a large tile would be made in vain, with each scan.
 const SHIFT: u32 = 6;
-/// Edge of a tile, cells.
-const TILE: i32 = 1 << SHIFT;
+const NEAR_SHIFT: u32 = 4;
 /// Tiles that are made before the time is looked at.
 const AT_ONCE: usize = 16;
 /// [`Cube::corner`] of a cube at the origin, and beyond the last.
@@ -58,7 +57,19 @@ impl GroundTiles {
     /// # Errors
     /// [`GroundError::Resolution`].
     pub fn new(resolution: f64, finest: f64) -> Result<Self, GroundError> {
-        let lattice = Lattice::new(resolution, finest)?;
+        Self::with_tiles(resolution, finest, SHIFT)
+    }
+
+    /// The same in small tiles, for [`make_near`](Self::make_near).
+    ///
+    /// # Errors
+    /// [`GroundError::Resolution`].
+    pub fn near_robot(resolution: f64, finest: f64) -> Result<Self, GroundError> {
+        Self::with_tiles(resolution, finest, NEAR_SHIFT)
+    }
+
+    fn with_tiles(resolution: f64, finest: f64, shift: u32) -> Result<Self, GroundError> {
+        let lattice = Lattice::new(resolution, finest, shift)?;
         Ok(Self { lattice, looked: Looked::default(), stale: BTreeSet::new(), tiles: BTreeMap::new() })
     }
 
@@ -105,7 +116,7 @@ impl GroundTiles {
     /// [`GroundError::TooLarge`].
     pub fn make(&mut self, atlas: &Atlas, focus: [f64; 2], time: Duration) -> Result<(), GroundError> {
         let begin = Instant::now();
-        let tile = TILE as f64 * self.lattice.resolution;
+        let tile = self.lattice.tile();
         let distance = |at: &[i32; 2]| (f64::from(at[1]) - focus[0] / tile + 0.5).hypot(f64::from(at[0]) - focus[1] / tile + 0.5);
         let mut order: Vec<[i32; 2]> = self.stale.iter().copied().collect();
         order.sort_by(|a, b| distance(a).total_cmp(&distance(b)).then(a.cmp(b)));
@@ -126,7 +137,8 @@ impl GroundTiles {
         let (near, far) = (self.lattice.tiles_within(centre, reach), self.lattice.tiles_within(centre, 4.0 * reach));
         self.stale.extend(self.tiles.keys().filter(|at| !is_within(&far, at)));
         self.tiles.retain(|at, _| is_within(&far, at));
-        let some: Vec<[i32; 2]> = self.stale.iter().filter(|at| is_within(&near, at)).copied().collect();
+        let rows = [near[0][1], i32::MIN]..=[near[1][1], i32::MAX];
+        let some: Vec<[i32; 2]> = self.stale.range(rows).filter(|at| is_within(&near, at)).copied().collect();
         self.make_some(atlas, &some)
     }
 
@@ -188,18 +200,19 @@ impl TilesCopy {
         if cells.count() > MOST_CELLS / (side * side) || high > i32::from(u16::MAX) {
             return Err(GroundError::TooLarge { size: cells.size, high: high as usize });
         }
+        let shift = self.lattice.shift;
         let (mut columns, mut levels) = (Columns::empty(cells, self.lattice.cube, all.low[2]), Levels::empty());
         let mut waiting = self.tiles.into_iter().peekable();
         // The tiles of a row of cells.
         let mut row: Vec<Arc<Tile>> = Vec::new();
         for y in (cells.low[1]..).take(cells.size[1]) {
-            row.retain(|tile| tile.row() == y >> SHIFT);
-            while let Some(tile) = waiting.next_if(|tile| tile.row() <= y >> SHIFT) {
+            row.retain(|tile| tile.first_row() >> shift == y >> shift);
+            while let Some(tile) = waiting.next_if(|tile| tile.first_row() <= y) {
                 row.push(tile);
             }
             let mut part = 0;
             for x in (cells.low[0]..).take(cells.size[0]) {
-                while row.get(part).is_some_and(|tile| tile.columns.cells().low[0] + TILE <= x) {
+                while row.get(part).is_some_and(|tile| tile.columns.cells().low[0] + (1 << shift) <= x) {
                     part += 1;
                 }
                 let cell = row.get(part).and_then(|tile| Some((&**tile, tile.columns.cells().index([x, y])?)));
@@ -212,9 +225,14 @@ impl TilesCopy {
 }
 
 impl Lattice {
+    /// Edge of a tile, metres.
+    fn tile(&self) -> f64 {
+        f64::from(1 << self.shift) * self.resolution
+    }
+
     /// The first and the last tile, x and y, that a box of the map frame touches.
     fn tiles_of(&self, [low, high]: Box3) -> [[i32; 2]; 2] {
-        let tile = TILE as f64 * self.resolution;
+        let tile = self.tile();
         // States are looked up at points within cubes; rounding may take one over its face.
         let at = |c: f64| ((c / tile).floor() as i32).clamp(-ORIGIN, ORIGIN);
         [[0, 1].map(|k| at(low[k] - self.cube)), [0, 1].map(|k| at(high[k] + self.cube))]
@@ -232,31 +250,31 @@ fn is_within([low, high]: &[[i32; 2]; 2], at: &[i32; 2]) -> bool {
 }
 
 impl Tile {
-    /// Its row among all tiles.
-    fn row(&self) -> i32 {
-        self.columns.cells().low[1] >> SHIFT
+    /// Its first row of cells.
+    fn first_row(&self) -> i32 {
+        self.columns.cells().low[1]
     }
 
     /// With heights that are those of voxels.
     fn rough(query: &AtlasQuery<'_>, lattice: &Lattice, [y, x]: [i32; 2]) -> Result<Option<Self>, GroundError> {
         let to = Resampling { voxel: lattice.cube, states_only: true };
-        let side = lattice.side as i32;
+        let (side, shift) = (lattice.side as i32, lattice.shift);
         let bounds = query.bounds();
         let [lowest, highest] = [bounds.min[2], bounds.max[2]].map(|z| (f64::from(z) / lattice.cube).floor());
         // Beyond that the map ends.
-        let [lowest, highest] = [lowest - 1.0, highest + 1.0].map(|z| (z as i32).clamp(-ORIGIN, ORIGIN - 1) >> SHIFT);
+        let [lowest, highest] = [lowest - 1.0, highest + 1.0].map(|z| (z as i32).clamp(-ORIGIN, ORIGIN - 1) >> shift);
         let mut cubes: Vec<Cube> = Vec::new();
         for k in 0..side * side {
-            let corner = [x * side + k % side, y * side + k / side].map(|c| c << SHIFT);
+            let corner = [x * side + k % side, y * side + k / side].map(|c| c << shift);
             for z in lowest..=highest {
-                let corner = [corner[0], corner[1], z << SHIFT];
+                let corner = [corner[0], corner[1], z << shift];
                 if corner.iter().all(|c| (-ORIGIN..ORIGIN).contains(c)) {
-                    cubes.extend(query.resample_cube(&to, corner.map(|c| (c + ORIGIN) as u32), SHIFT));
+                    cubes.extend(query.resample_cube(&to, corner.map(|c| (c + ORIGIN) as u32), shift));
                 }
             }
         }
         let Some(bounds) = Bounds::of(&cubes) else { return Ok(None) };
-        let columns = Columns::of_part(cubes, lattice, ([x, y].map(|c| c * TILE), TILE as usize), &bounds)?;
+        let columns = Columns::of_part(cubes, lattice, ([x, y].map(|c| c << shift), 1 << shift), &bounds)?;
         let levels = Levels::rough(&columns);
         Ok(Some(Self { bounds, columns, levels }))
     }
@@ -376,24 +394,32 @@ mod tests {
         let settings = Settings { voxel_size: 0.2, max_range: 20.0, field: FieldKind::Both, ..Settings::default() };
         let sim = Simulation::new(SimOptions { scans: Some(9), columns: Some(128), spacing: 8.0, ..SimOptions::of("street") }).unwrap();
         let mut mapper = Mapper::new(settings).unwrap();
-        let new = |mapper: &Mapper| GroundTiles::new(0.2, mapper.atlas().query().unwrap().voxel_size()).unwrap();
-        let (mut some, reach) = (new(&mapper), 6.0);
+        let finest = mapper.atlas().query().unwrap().voxel_size();
+        let (mut some, reach) = (GroundTiles::near_robot(0.2, finest).unwrap(), 6.0);
         for scan in sim.scans(PoseSource::Truth) {
             let place = scan.t_map_lidar.translation.vector;
             let centre = [place.x, place.y];
             mapper.handle(Event::Scan(scan)).unwrap();
-            let (atlas, mut all) = (mapper.atlas(), new(&mapper));
+            let (atlas, mut all) = (mapper.atlas(), GroundTiles::new(0.2, finest).unwrap());
             for tiles in [&mut some, &mut all] {
                 tiles.note(atlas).unwrap();
             }
             some.make_near(atlas, centre, reach).unwrap();
             all.make(atlas, [0.0; 2], Duration::MAX).unwrap();
-            let near = |tiles: &GroundTiles| tiles.copy_near(atlas, centre, reach).joined().unwrap();
-            let ((columns, levels), (of_all, levels_of_all)) = (near(&some), near(&all));
-            assert_eq!(columns.cells(), of_all.cells());
-            assert!((0..columns.cells().count()).all(|cell| columns.spans(cell).eq(of_all.spans(cell))), "{centre:?}");
-            assert_eq!(format!("{levels:?}"), format!("{levels_of_all:?}"));
-            assert!(some.tiles.len() < all.tiles.len(), "what is far was not made, or given up");
+            let ((columns, levels), (of_all, levels_of_all)) =
+                (some.copy_near(atlas, centre, reach).joined().unwrap(), all.copy(atlas).joined().unwrap());
+            let mut known = 0;
+            for cell in 0..columns.cells().count() {
+                let other = of_all.cells().at(columns.cells().centre(cell)).unwrap();
+                assert!(columns.spans(cell).eq(of_all.spans(other)), "{centre:?}");
+                let [one, two] =
+                    [&levels.all()[levels.of_cell(cell)], &levels_of_all.all()[levels_of_all.of_cell(other)]].map(|of| format!("{of:?}"));
+                assert_eq!(one, two);
+                known += columns.spans(cell).count();
+            }
+            assert!(known > 1000, "{known}");
+            let far = some.lattice.tiles_within(centre, 4.0 * reach);
+            assert!(some.tiles.keys().all(|at| is_within(&far, at)), "what is far was given up");
         }
     }
 }

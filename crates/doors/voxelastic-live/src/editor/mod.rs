@@ -3,23 +3,24 @@
 //! | module | contents |
 //! | --- | --- |
 //! | `routes` | what the page asks for, over HTTP, with a token |
-//! | `told` | what the page is told: surfaces by submap, poses, the path, closures, edits |
+//! | `scene_updates` | what pages are sent: surfaces by submap, poses, the path, closures, edits |
 //!
 //! The thread that calls [`EditPage::stay`] has the map; requests wait for it in their order. What they change is told to all pages by the viewer's socket.
 
 mod routes;
-mod told;
+mod scene_updates;
 
 use crate::http::{HttpServer, unknown_word};
 use crate::scene::Scene;
 use crate::{page, viewer};
 use routes::{Answer, Asked, Request};
+use scene_updates::SceneUpdates;
 use std::net::SocketAddr;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
 use std::time::Duration;
-use told::Told;
+
 use voxelastic_run::editing::{Draft, parse};
 use voxelastic_run::{Error, Result};
 
@@ -31,7 +32,7 @@ const LOOK: Duration = Duration::from_millis(50);
 /// The editor of a map, and its server.
 pub struct EditPage {
     draft: Draft,
-    told: Told,
+    updates: SceneUpdates,
     requests: Receiver<Asked>,
     server: HttpServer,
     token: String,
@@ -46,7 +47,7 @@ impl EditPage {
     pub fn start(map: &Path, address: SocketAddr, detail: u8) -> Result<Self> {
         let draft = Draft::open(map)?;
         let scene = Arc::new(Scene::default());
-        let told = Told::new(Arc::clone(&scene), detail.into());
+        let updates = SceneUpdates::new(Arc::clone(&scene), detail.into());
         let (asks, requests) = sync_channel(WAITING);
         let title = map.file_name().unwrap_or(map.as_os_str()).to_string_lossy();
         let token = unknown_word();
@@ -55,7 +56,7 @@ impl EditPage {
             let remedy = "another program may use that port: name another address, or port 0 for one that is free";
             Error::new(format!("cannot serve the editor at {address}: {error}"), remedy)
         })?;
-        Ok(Self { draft, told, requests, server, token })
+        Ok(Self { draft, updates, requests, server, token })
     }
 
     /// Where the page is, with the token. Browsers do not send what is behind the `#`.
@@ -75,7 +76,7 @@ impl EditPage {
         if !self.server.address().ip().is_loopback() {
             tracing::warn!("everyone who reaches {} sees the map; who knows the token edits it", self.server.address());
         }
-        pool.install(|| self.told.tell(&self.draft))?;
+        pool.install(|| self.updates.send(&self.draft))?;
         while !is_stopped() {
             match self.requests.recv_timeout(LOOK) {
                 Ok(Asked { request, answer }) => {
@@ -94,12 +95,12 @@ impl EditPage {
     fn answer(&mut self, request: Request) -> Answer {
         let done = self.change(request);
         // Also after an error: what was tried before is gone.
-        let told = self.told.tell(&self.draft);
+        let sent = self.updates.send(&self.draft);
         let words = |error: Error| match error.remedy() {
             Some(remedy) => format!("{} ({remedy})", error.one_line()),
             None => error.one_line(),
         };
-        done.and_then(|words| told.map(|()| words)).map_err(words)
+        done.and_then(|words| sent.map(|()| words)).map_err(words)
     }
 
     fn change(&mut self, request: Request) -> Result<String> {
@@ -117,10 +118,10 @@ impl EditPage {
                 draft.save()?;
                 return Ok("saved".to_owned());
             }
-            Request::Doubts => {
-                let doubts = draft.doubts()?;
-                let words = format!("{} pairs of submaps disagree", doubts.len());
-                self.told.doubts(doubts);
+            Request::Misaligned => {
+                let pairs = draft.misaligned()?;
+                let words = format!("{} pairs of submaps do not fit", pairs.len());
+                self.updates.keep_misaligned(pairs);
                 return Ok(words);
             }
             Request::Accept => draft.accept(),

@@ -5,7 +5,7 @@
 //! | `POST /edit/try` | tries the edit in the body, one table `[[edit]]` as in a list of edits |
 //! | `POST /edit/accept`, `/edit/discard` | takes or drops it |
 //! | `POST /edit/undo`, `/edit/redo`, `/edit/save` | what they say |
-//! | `POST /edit/doubts` | looks for submaps that disagree |
+//! | `POST /edit/misaligned` | looks for submaps that do not fit |
 //!
 //! Each with `Authorization: Bearer TOKEN`.
 
@@ -40,8 +40,8 @@ pub enum Request {
     Redo,
     /// Writes all.
     Save,
-    /// Looks for submaps that disagree.
-    Doubts,
+    /// Looks for submaps that do not fit.
+    Misaligned,
 }
 
 /// What was done, or why it was not.
@@ -64,7 +64,7 @@ struct Site {
 /// The routes; requests with the token go to `asks`.
 pub fn routes(asks: SyncSender<Asked>, token: &str) -> Router {
     let site = Site { asks, token: Token::new(token).map(Arc::new) };
-    let names = ["try", "accept", "discard", "undo", "redo", "save", "doubts"];
+    let names = ["try", "accept", "discard", "undo", "redo", "save", "misaligned"];
     names.into_iter().fold(Router::new(), |routes, name| routes.route(&format!("/edit/{name}"), post(edit))).with_state(site)
 }
 
@@ -84,7 +84,7 @@ async fn edit(State(site): State<Site>, headers: HeaderMap, uri: Uri, body: Body
         "/edit/undo" => Request::Undo,
         "/edit/redo" => Request::Redo,
         "/edit/save" => Request::Save,
-        _ => Request::Doubts,
+        _ => Request::Misaligned,
     };
     let (answer, answered) = oneshot::channel();
     if site.asks.try_send(Asked { request, answer }).is_err() {

@@ -26,7 +26,7 @@ const POLL_INTERVAL: Duration = Duration::from_millis(100);
 const POLL_INTERVAL_MESHING: Duration = Duration::from_millis(2);
 /// The same while a path is planned.
 const POLL_INTERVAL_PLANNING: Duration = Duration::from_millis(10);
-/// Occupancy is published at least this often while scans wait.
+/// Surface and occupancy are published at least this often while scans wait.
 const LONGEST_SILENCE: Duration = Duration::from_millis(500);
 
 /// Gives a run what a feed delivers, in one thread: what happens does not depend on when it happens. Tells viewers and others about it.
@@ -126,10 +126,14 @@ impl Node {
             // What was ordered just now has all scans until now.
             self.tally.in_work = self.tally.unshown.len();
         }
-        if let Some(network) = self.listeners.network.as_mut().filter(|_| !scans_wait || self.last_step.elapsed() >= LONGEST_SILENCE) {
-            self.last_step = Instant::now();
+        if let Some(network) = &mut self.listeners.network {
             let outputs = &mut network.offers.outputs;
-            has_work |= mapping.pool().install(|| outputs.step(atlas));
+            let is_urgent = mapping.pool().install(|| outputs.step_urgent(atlas));
+            has_work |= is_urgent;
+            if !is_urgent && (!scans_wait || self.last_step.elapsed() >= LONGEST_SILENCE) {
+                self.last_step = Instant::now();
+                has_work |= mapping.pool().install(|| outputs.step(atlas));
+            }
             is_busy |= outputs.is_busy();
         }
         let is_planning = self.exploring().is_some_and(|(exploring, _)| exploring.is_busy());

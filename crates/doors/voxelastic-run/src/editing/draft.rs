@@ -1,10 +1,10 @@
 //! A map that is edited and looked at before it is written: every edit is tried first, then taken or dropped, and nothing is on the disk until it is saved.
 
 use super::closures::{ListedClosure, edits, listed, loops_of};
-use super::doubts::{Doubt, doubts};
 use super::editor::{Editor, locked, undo_all};
 use super::graph;
 use super::list::{Between, Edit};
+use super::pair_fit::{PairFit, misaligned};
 use super::state::{Done, State};
 use crate::error::{During, Error, Result};
 use crate::map_files;
@@ -40,8 +40,8 @@ struct Step {
     edit: Edit,
     done: Done,
     state: State,
-    /// How the two submaps of a closure agree before and after.
-    fits: Option<[Doubt; 2]>,
+    /// How the two submaps of a closure fit before and after.
+    fits: Option<[PairFit; 2]>,
 }
 
 /// An edit that was tried.
@@ -51,8 +51,8 @@ pub struct Trial {
     pub kind: &'static str,
     /// What it does, in words.
     pub words: String,
-    /// How the two submaps of a closure agree before and after; `null` for other edits, and where they have no surfaces in the same places.
-    pub fits: Option<[Doubt; 2]>,
+    /// How the two submaps of a closure fit before and after; `null` for other edits, and where they have no surfaces in the same places.
+    pub fits: Option<[PairFit; 2]>,
 }
 
 /// A closure with where its scans are.
@@ -153,9 +153,7 @@ impl Draft {
         let mut state = before.clone();
         let done = state.apply(&mut edit)?;
         let fits = match edit {
-            Edit::Closure { between: Between::Submaps(submaps), .. } => {
-                agreement(before, submaps)?.zip(agreement(&state, submaps)?).map(<[Doubt; 2]>::from)
-            }
+            Edit::Closure { between: Between::Submaps(submaps), .. } => fit(before, submaps)?.zip(fit(&state, submaps)?).map(<[PairFit; 2]>::from),
             _ => None,
         };
         self.trial = Some(Step { edit, done, state, fits });
@@ -269,13 +267,13 @@ impl Draft {
         listed(self.loops.clone(), edits, &poses).into_iter().filter_map(shown).collect()
     }
 
-    /// The pairs of submaps that disagree, the worst first. That looks at all surfaces. To be called in a pool.
+    /// The pairs of submaps that do not fit, the worst first. That looks at all surfaces. To be called in a pool.
     ///
     /// # Errors
     /// When a submap cannot be read.
-    pub fn doubts(&self) -> Result<Vec<Doubt>> {
+    pub fn misaligned(&self) -> Result<Vec<PairFit>> {
         let ids: Vec<SubmapId> = self.submaps().map(|(id, _)| id).collect();
-        Ok(doubts(&atlas(self.state(), &ids)?))
+        Ok(misaligned(&atlas(self.state(), &ids)?))
     }
 }
 
@@ -286,8 +284,8 @@ fn atlas(state: &State, ids: &[SubmapId]) -> Result<Atlas> {
     Ok(Atlas::from_submaps(voxel, submaps))
 }
 
-/// How two submaps agree; none if they have no surfaces in the same places.
-fn agreement(state: &State, submaps: [SubmapId; 2]) -> Result<Option<Doubt>> {
+/// How two submaps fit; none if they have no surfaces in the same places.
+fn fit(state: &State, submaps: [SubmapId; 2]) -> Result<Option<PairFit>> {
     let atlas = atlas(state, &submaps)?;
-    Ok(atlas.pair_agreement().first().map(|pair| Doubt::of(pair, atlas.voxel_size())))
+    Ok(atlas.pair_agreement().first().map(|pair| PairFit::of(pair, atlas.voxel_size())))
 }

@@ -13,14 +13,14 @@
 //! | `state` | what each edit does |
 //! | [`Editor`] | a map that is edited, on disk |
 //! | [`Draft`] | one that is edited and looked at before it is on the disk |
-//! | [`Doubt`] | submaps that should lie on each other and do not |
+//! | [`PairFit`] | how two submaps fit, and those that should lie on each other and do not |
 
 mod closures;
-mod doubts;
 mod draft;
 mod editor;
 mod graph;
 mod list;
+mod pair_fit;
 mod parse;
 mod region;
 mod register;
@@ -29,10 +29,10 @@ mod state;
 mod tests;
 
 pub use closures::{ListedClosure, closures, edits};
-pub use doubts::Doubt;
 pub use draft::{Draft, ShownClosure, Trial};
 pub use editor::{Editor, keep, undo_all};
 pub use list::{Between, Edit, Pin, SessionName, Target, Up};
+pub use pair_fit::PairFit;
 pub use parse::{parse, read};
 pub use region::Region;
 pub use register::Fit;

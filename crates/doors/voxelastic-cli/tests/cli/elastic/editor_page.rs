@@ -101,7 +101,7 @@ impl Hand {
         self.0.wait("voxelastic.editor.figures.trial === null");
     }
 
-    /// A camera that stands still and sees all that was told, from above or not.
+    /// A camera that stands still and sees all that was sent, from above or not.
     fn settle(&mut self, camera: Option<&str>) {
         if let Some(camera) = camera {
             self.0.value(&format!("Object.assign(voxelastic.view.camera, {camera}); voxelastic.view.draw()"));
@@ -184,14 +184,18 @@ fn a_broken_map_is_mended_on_the_page() {
         return view.project(gizmo.pose().slice(0, 3).map((c, k) => c + (k ? 0 : 0.6 * gizmo.length())));
     })()";
     let handle = pair(&hand.0.value(handle));
-    let others = "JSON.stringify([...voxelastic.view.told].map(([id, pose]) => [id, ...pose.slice(0, 3)]))";
+    let others = "JSON.stringify([...voxelastic.view.serverPoses].map(([id, pose]) => [id, ...pose.slice(0, 3)]))";
     let before_drag: Vec<[f64; 4]> = serde_json::from_str(hand.0.value(others).as_str().unwrap()).unwrap();
+    // In three parts, each of which is waited for, however long pictures take on this machine.
     hand.mouse("mousePressed", handle);
-    for k in 1..=25 {
-        hand.mouse("mouseMoved", [handle[0] + 2.0 * f64::from(k), handle[1]]);
-        std::thread::sleep(Duration::from_millis(40));
+    for part in 0..3 {
+        for k in 1..=8 {
+            hand.mouse("mouseMoved", [handle[0] + 2.0 * f64::from(8 * part + k), handle[1]]);
+            std::thread::sleep(Duration::from_millis(40));
+        }
+        hand.0.wait(&format!("voxelastic.editor.seen.drags.length > {part} && !voxelastic.editor.running && !voxelastic.view.unfinished"));
     }
-    hand.mouse("mouseReleased", [handle[0] + 50.0, handle[1]]);
+    hand.mouse("mouseReleased", [handle[0] + 48.0, handle[1]]);
     hand.0.wait("voxelastic.editor.figures.trial?.kind === 'pin' && !voxelastic.editor.running && !voxelastic.view.unfinished");
     let after_drag: Vec<[f64; 4]> = serde_json::from_str(hand.0.value(others).as_str().unwrap()).unwrap();
     let moved = |id: u32| {
@@ -203,7 +207,7 @@ fn a_broken_map_is_mended_on_the_page() {
     let drags = hand.0.value("[...voxelastic.editor.seen.drags].sort((a, b) => a - b)");
     let drags: Vec<f64> = drags.as_array().unwrap().iter().map(|ms| ms.as_f64().unwrap()).collect();
     println!("from drag to picture: {} times, {:.0} ms in the middle, at most {:.0} ms", drags.len(), drags[drags.len() / 2], drags[drags.len() - 1]);
-    assert!(!drags.is_empty());
+    assert!(drags.len() >= 3);
     hand.key("Escape", 27, false);
     hand.0.wait("voxelastic.editor.figures.trial === null");
     assert!(files(&map) == before, "something is written before it is saved");

@@ -58,8 +58,8 @@ fn costmaps_show_what_comes_into_a_robots_way() {
     assert!(number("noticed_s") < 2.0 && number("gone_s") < 4.0, "{seen}");
     // Only what the floor itself takes costs more: at the edges of what was seen of it.
     assert!(number("too_high") < 0.1, "{seen}");
-    // One with each scan that is mapped; beside compilers one with every second, as it rests as long as it works.
-    assert!(number("mapped") > 20.0 && number("count") > 0.45 * number("mapped"), "{seen} {said}");
+    // One with each scan that is mapped: ten times a second on a machine that has time, seldom beside compilers, where scans are left out.
+    assert!(number("mapped") > 20.0 && number("count") > 0.8 * number("mapped"), "{seen} {said}");
     assert!(seen["gap_ms"][0].as_f64().is_some_and(|gap| gap < 1000.0), "{seen} {said}");
     assert_eq!(seen["same_obstacles"], true, "{seen}");
 }

@@ -114,7 +114,7 @@ impl LocalCostmap {
         let resolution = self.settings.finest_resolution(atlas);
         let mut tiles = match self.tiles.take() {
             Some(tiles) => tiles,
-            None => GroundTiles::new(resolution, finest)?,
+            None => GroundTiles::near_robot(resolution, finest)?,
         };
         let lidar: [f64; 3] = t_map_lidar.translation.vector.into();
         let middle = (t_map_lidar * t_lidar_base).translation.vector;

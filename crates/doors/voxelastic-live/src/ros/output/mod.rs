@@ -295,12 +295,18 @@ impl Outputs {
         self.sinks.publish(Output::Submaps, |header| messages::pose_array(header, &[]));
     }
 
-    /// Makes and publishes some of the surface that changed, or of the occupancy; false if nothing is due. To be called in the mapper's threads.
-    pub fn step(&mut self, atlas: &Atlas) -> bool {
+    /// Publishes what robots steer by: transforms, and the local costmap of the last scan; false if no costmap is due. To be called in the mapper's threads after each scan, also
+    /// if others wait.
+    pub fn step_urgent(&mut self, atlas: &Atlas) -> bool {
         if self.last_transform.is_some_and(|last| last.elapsed() >= TRANSFORM_PERIOD) {
             self.publish_transform();
         }
-        self.step_costmap(atlas) || self.step_surface(atlas) || self.step_grid(atlas) || self.step_octomap(atlas)
+        self.step_costmap(atlas)
+    }
+
+    /// Makes and publishes some of the surface that changed, or of the occupancy; false if nothing is due. To be called in the mapper's threads.
+    pub fn step(&mut self, atlas: &Atlas) -> bool {
+        self.step_surface(atlas) || self.step_grid(atlas) || self.step_octomap(atlas)
     }
 
     /// Whether tiles of the surface, the grid or the costmap are being made: they are published by a [`step`](Self::step) soon.

@@ -1,4 +1,4 @@
-//! What the page of the editor is told, as messages of the viewer's scene.
+//! What pages of the editor are sent, as messages of the viewer's scene.
 //!
 //! Surfaces are those of the submaps, in their frames: whatever moves, only poses are sent. A surface is sent again when an edit has changed its field.
 
@@ -11,7 +11,7 @@ use std::sync::Arc;
 use voxelastic::atlas::{Submap, SubmapId};
 use voxelastic::surface::{Mesh, MeshOptions};
 use voxelastic_run::Result;
-use voxelastic_run::editing::{Doubt, Draft};
+use voxelastic_run::editing::{Draft, PairFit};
 use voxelastic_run::surfaces::SurfaceOptions;
 
 /// Edge of the pieces that a surface is sent in, finest voxels: what is out of the picture is not drawn.
@@ -22,12 +22,12 @@ const TOGETHER: usize = 8;
 const PART: usize = 256;
 
 /// What pages know of a map.
-pub struct Told {
+pub struct SceneUpdates {
     scene: Arc<Scene>,
     options: SurfaceOptions,
     surfaces: HashMap<SubmapId, Surface>,
     path: Vec<Place>,
-    doubts: Option<Vec<Doubt>>,
+    misaligned: Option<Vec<PairFit>>,
 }
 
 /// A surface that pages have.
@@ -47,26 +47,26 @@ impl Surface {
     }
 }
 
-impl Told {
+impl SceneUpdates {
     /// Nothing yet.
     pub fn new(scene: Arc<Scene>, lod: usize) -> Self {
         let options = SurfaceOptions { mesh: MeshOptions { lod, ..MeshOptions::default() }, ..SurfaceOptions::default() };
-        Self { scene, options, surfaces: HashMap::new(), path: Vec::new(), doubts: None }
+        Self { scene, options, surfaces: HashMap::new(), path: Vec::new(), misaligned: None }
     }
 
-    /// Keeps what was found to be doubtful.
-    pub fn doubts(&mut self, doubts: Vec<Doubt>) {
-        self.doubts = Some(doubts);
+    /// Keeps the pairs that were found not to fit.
+    pub fn keep_misaligned(&mut self, pairs: Vec<PairFit>) {
+        self.misaligned = Some(pairs);
     }
 
-    /// Tells pages what is another one than they know. Poses and figures come first.
+    /// Sends pages what is another one than they have. Poses and figures come first.
     ///
     /// # Errors
     /// When a submap cannot be read.
-    pub fn tell(&mut self, draft: &Draft) -> Result<()> {
+    pub fn send(&mut self, draft: &Draft) -> Result<()> {
         let poses: Vec<_> = draft.submaps().collect();
         let mut messages = vec![(Thing::Submaps, wire::submaps(&poses)), (Thing::Statistics, wire::statistics(&self.figures(draft)))];
-        self.tell_path(draft, &mut messages);
+        self.add_path(draft, &mut messages);
         let gone: Vec<SubmapId> = self.surfaces.keys().copied().filter(|id| poses.iter().all(|(there, _)| there != id)).collect();
         for id in gone {
             let pieces = self.surfaces.remove(&id).map_or(0, |surface| surface.pieces);
@@ -92,7 +92,7 @@ impl Told {
         Ok(())
     }
 
-    fn tell_path(&mut self, draft: &Draft, messages: &mut Vec<(Thing, Vec<u8>)>) {
+    fn add_path(&mut self, draft: &Draft, messages: &mut Vec<(Thing, Vec<u8>)>) {
         let place =
             |(_, submap, t): (_, SubmapId, voxelastic::Pose)| Place { submap, position: <[f64; 3]>::from(t.translation.vector).map(|c| c as f32) };
         let path: Vec<Place> = draft.path().into_iter().map(place).collect();
@@ -119,7 +119,7 @@ impl Told {
         }
         json!({
             "rows": rows, "read_only": draft.why_read_only(), "origin": draft.origin().coordinates(), "edits": edits, "saved": saved, "is_saved": is_saved,
-            "redo": draft.undone(), "trial": draft.trial(), "closures": draft.closures(), "doubts": self.doubts,
+            "redo": draft.undone(), "trial": draft.trial(), "closures": draft.closures(), "misaligned": self.misaligned,
         })
         .to_string()
     }

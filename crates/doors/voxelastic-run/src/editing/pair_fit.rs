@@ -1,0 +1,43 @@
+//! How the surfaces of two submaps fit, and the pairs whose surfaces should lie on each other and do not.
+
+use serde::Serialize;
+use voxelastic::atlas::fusion::PairAgreement;
+use voxelastic::atlas::{Atlas, SubmapId};
+
+/// Pairs with fewer places in common say little.
+const LEAST_PLACES: u64 = 40;
+/// A pair is misaligned if less than this share of its places match, or if those that do are farther apart than this, voxels.
+const LEAST_MATCHED: f64 = 0.4;
+const MOST_APART: f64 = 0.75;
+
+/// How the surfaces of two submaps fit.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct PairFit {
+    /// The two.
+    pub submaps: [SubmapId; 2],
+    /// Places on their surfaces where both have some within a few metres.
+    pub places: u64,
+    /// Share of these that have a partner within five voxels that faces the same way, 0 to 1.
+    pub matched: f64,
+    /// Mean distance of these partners along the normal, metres.
+    pub apart_m: f64,
+}
+
+impl PairFit {
+    /// Of two submaps of a map with finest voxels of `voxel` metres.
+    pub fn of(pair: &PairAgreement, voxel: f32) -> Self {
+        let matched = pair.matched as f64 / pair.places.max(1) as f64;
+        Self { submaps: pair.submaps, places: pair.places, matched, apart_m: pair.apart * f64::from(voxel) }
+    }
+}
+
+/// The pairs of submaps that do not fit, those with most places that do first. Of two that saw a wall from either side few places match, too: somebody has to look.
+pub fn misaligned(atlas: &Atlas) -> Vec<PairFit> {
+    let voxel = f64::from(atlas.voxel_size());
+    let all = atlas.pair_agreement().iter().map(|pair| PairFit::of(pair, atlas.voxel_size())).collect::<Vec<_>>();
+    let is_misaligned = |pair: &PairFit| pair.places >= LEAST_PLACES && (pair.matched < LEAST_MATCHED || pair.apart_m > MOST_APART * voxel);
+    let wrong = |pair: &PairFit| pair.places as f64 * (1.0 - pair.matched * (1.0 - pair.apart_m / (5.0 * voxel)));
+    let mut found: Vec<PairFit> = all.into_iter().filter(is_misaligned).collect();
+    found.sort_by(|a, b| wrong(b).total_cmp(&wrong(a)).then(a.submaps.cmp(&b.submaps)));
+    found
+}
