@@ -3,10 +3,7 @@
 use serde_json::json;
 use voxelastic_report::scripts::{self, escaped, filled, script_safe};
 
-const PAGE: &str = include_str!("../page/page.html");
-const STYLE: &str = include_str!("../page/live.css");
-const EDIT_PAGE: &str = include_str!("../page/edit.html");
-const EDIT_STYLE: &str = include_str!("../page/edit.css");
+const FRAME: &str = include_str!("../page/frame.html");
 /// In the order of their dependencies.
 const SHARED: [&str; 9] = [
     scripts::BASE,
@@ -19,29 +16,57 @@ const SHARED: [&str; 9] = [
     include_str!("../page/live_view.js"),
     include_str!("../page/connection.js"),
 ];
-const VIEWER: [&str; 2] = [include_str!("../page/live_panel.js"), include_str!("../page/live_main.js")];
-const EDITOR: [&str; 5] = [
-    include_str!("../page/edit_view.js"),
-    include_str!("../page/gizmo.js"),
-    include_str!("../page/edit_tools.js"),
-    include_str!("../page/edit_panel.js"),
-    include_str!("../page/edit_main.js"),
-];
+
+/// What a page has of its own.
+struct Own {
+    class: &'static str,
+    /// Behind the title of the map, in that of the page.
+    what: &'static str,
+    body: &'static str,
+    style: &'static str,
+    /// In the order of their dependencies.
+    scripts: &'static [&'static str],
+}
+
+const VIEWER: Own = Own {
+    class: "live",
+    what: "",
+    body: include_str!("../page/view.html"),
+    style: include_str!("../page/live.css"),
+    scripts: &[include_str!("../page/live_panel.js"), include_str!("../page/live_main.js")],
+};
+const EDITOR: Own = Own {
+    class: "edit",
+    what: " · edit",
+    body: include_str!("../page/edit.html"),
+    style: include_str!("../page/edit.css"),
+    scripts: &[
+        include_str!("../page/edit_view.js"),
+        include_str!("../page/gizmo.js"),
+        include_str!("../page/edit_tools.js"),
+        include_str!("../page/edit_panel.js"),
+        include_str!("../page/edit_main.js"),
+    ],
+};
 
 /// The page of the viewer, which needs nothing but the socket.
 pub fn html(title: &str) -> String {
-    page(PAGE, title, STYLE, &VIEWER)
+    page(title, &VIEWER)
 }
 
 /// The page of the editor.
 pub fn edit_html(title: &str) -> String {
-    page(EDIT_PAGE, title, EDIT_STYLE, &EDITOR)
+    page(title, &EDITOR)
 }
 
-fn page(template: &str, title: &str, style: &str, own: &[&str]) -> String {
+fn page(title: &str, own: &Own) -> String {
     let data = script_safe(&json!({ "ramps": scripts::ramps() }).to_string());
-    let (title, style, script) = (escaped(title), [scripts::STYLE, style].join("\n"), [&SHARED[..], own].concat().join("\n"));
-    filled(template, &[("title", &title), ("style", &style), ("data", &data), ("script", &script)])
+    let (title, style, script) = (escaped(title), [scripts::STYLE, own.style].join("\n"), [&SHARED[..], own.scripts].concat().join("\n"));
+    let body = filled(own.body, &[("title", &title)]);
+    filled(
+        FRAME,
+        &[("title", &title), ("what", own.what), ("class", own.class), ("body", &body), ("style", &style), ("data", &data), ("script", &script)],
+    )
 }
 
 #[cfg(test)]

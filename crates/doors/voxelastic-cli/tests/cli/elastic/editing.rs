@@ -92,24 +92,38 @@ pub fn vertices_near(dir: &Path, map: &str, place: [f64; 3], radius: f64) -> usi
     ply::read_mesh(dir.join("near.ply")).unwrap().positions.iter().filter(|p| distance(p) < radius).count()
 }
 
+/// Maps a broken street.
+pub fn map_street(dir: &Path, name: &str) {
+    works(dir, &format!("map street -o {name} --optimize --field both --voxel-size 0.2 --max-range 30 --lambda-odom 15 --lambda-cluster 0"));
+}
+
+/// The submap of a scan.
+pub fn submap_of(map: &Path, node: usize) -> u32 {
+    let store = MapStore::open(map).unwrap();
+    store.manifest().submaps.iter().find(|s| s.scans.iter().any(|scan| scan.node == node as NodeId)).unwrap().id
+}
+
+/// The submaps of the first scans of a broken street and of those at the same place a lap later.
+pub fn submaps_of_a_lap(map: &Path, truth: &[Pose]) -> [u32; 2] {
+    let from_first = |k: &usize| truth[*k].translation_distance(&truth[4]);
+    let lap = (200..truth.len()).min_by(|a, b| from_first(a).total_cmp(&from_first(b))).unwrap();
+    let both = [4, lap].map(|node| submap_of(map, node));
+    assert_ne!(both[0], both[1]);
+    both
+}
+
 #[test]
 fn a_broken_map_is_mended_from_metres_to_centimetres() {
     let dir = tempfile::tempdir().unwrap();
     let (at, (ghost, truth)) = (dir.path(), broken_street(dir.path(), 0.004));
     let map = at.join("street.vox");
-    works(at, "map street -o street.vox --optimize --field both --voxel-size 0.2 --max-range 30 --lambda-odom 15 --lambda-cluster 0");
+    map_street(at, "street.vox");
     let before = (largest_error(&map, &truth), files(&map));
     assert!(before.0 > 1.5, "{}", before.0);
     let listed = json(at, "edit street.vox --list --json");
     assert_eq!((listed["edits"].as_array().unwrap().len(), &listed["closures"][0]["scans"]), (0, &serde_json::json!([40, 150])), "{listed}");
     assert!(vertices_near(at, "street.vox", ghost, 0.8) > 20);
-    // The submaps of the first scans and of those at the same place a lap later.
-    let store = MapStore::open(&map).unwrap();
-    let submap_of = |node: usize| store.manifest().submaps.iter().find(|s| s.scans.iter().any(|scan| scan.node == node as NodeId)).unwrap().id;
-    let lap =
-        (200..truth.len()).min_by(|a, b| truth[*a].translation_distance(&truth[4]).total_cmp(&truth[*b].translation_distance(&truth[4]))).unwrap();
-    let (first, last) = (submap_of(4), submap_of(lap));
-    assert_ne!(first, last);
+    let [first, last] = submaps_of_a_lap(&map, &truth);
     let erase = format!("[[edit]]\nkind = \"erase\"\nsphere = {{ centre = {ghost:?}, radius = 0.9 }}\nthen = \"free\"\n");
     let mut edits =
         format!("{erase}[[edit]]\nkind = \"remove-closure\"\nscans = [40, 150]\n\n[[edit]]\nkind = \"closure\"\nsubmaps = [{first}, {last}]\n");
@@ -128,7 +142,7 @@ fn a_broken_map_is_mended_from_metres_to_centimetres() {
     assert!(done["applied"][2]["fit"]["edges"].as_u64().unwrap() > 0 && done["applied"][0]["surface_voxels"].as_u64().unwrap() > 100, "{done}");
     assert_eq!(vertices_near(at, "street.vox", ghost, 0.8), 0);
     // The list as it is kept, on a new map of the same data, and without looking for anything again: the same bytes.
-    works(at, "map street -o again.vox --optimize --field both --voxel-size 0.2 --max-range 30 --lambda-odom 15 --lambda-cluster 0");
+    map_street(at, "again.vox");
     fs::copy(map.join("edits.toml"), at.join("kept.toml")).unwrap();
     works(at, "edit again.vox --apply kept.toml");
     let mut again = files(&at.join("again.vox"));

@@ -3,7 +3,7 @@
 //! Skipped where neither Chromium nor Chrome is installed.
 
 use crate::elastic::editing::{self, broken_street, largest_error, vertices_near};
-use crate::{fails, voxelastic, works};
+use crate::{fails, voxelastic};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::io::{BufRead, BufReader, Read, Write};
@@ -11,8 +11,6 @@ use std::net::TcpStream;
 use std::path::Path;
 use std::process::{Child, Stdio};
 use std::time::{Duration, Instant};
-use voxelastic::event::NodeId;
-use voxelastic::geometry::PoseExt;
 use voxelastic_io::store::MapStore;
 use voxelastic_testing::Page;
 
@@ -141,15 +139,11 @@ fn a_broken_map_is_mended_on_the_page() {
     let dir = tempfile::tempdir().unwrap();
     let (at, (ghost, truth)) = (dir.path(), broken_street(dir.path(), 0.0));
     let map = at.join("street.vox");
-    works(at, "map street -o street.vox --optimize --field both --voxel-size 0.2 --max-range 30 --lambda-odom 15 --lambda-cluster 0");
+    editing::map_street(at, "street.vox");
     let (before, error) = (files(&map), largest_error(&map, &truth));
     assert!(error > 1.0 && vertices_near(at, "street.vox", ghost, 0.8) > 20, "{error}");
-    let store = MapStore::open(&map).unwrap();
-    let submap_of = |node: usize| store.manifest().submaps.iter().find(|s| s.scans.iter().any(|scan| scan.node == node as NodeId)).unwrap().id;
-    let lap =
-        (200..truth.len()).min_by(|a, b| truth[*a].translation_distance(&truth[4]).total_cmp(&truth[*b].translation_distance(&truth[4]))).unwrap();
-    let (first, last) = (submap_of(4), submap_of(lap));
-    assert_ne!(first, last);
+    let [first, last] = editing::submaps_of_a_lap(&map, &truth);
+    let submaps = MapStore::open(&map).unwrap().manifest().submaps.len();
 
     let served = Served::start(at, "street.vox");
     // Others look, and change nothing: with another token, in another process, by the command.
@@ -168,12 +162,12 @@ fn a_broken_map_is_mended_on_the_page() {
     let mut hand = Hand(page);
     hand.0.call("Emulation.setDeviceMetricsOverride", &json!({ "width": 1280, "height": 800, "deviceScaleFactor": 1, "mobile": false }));
     hand.0.wait("window.voxelastic?.editor.figures !== undefined && voxelastic.editor.figures !== null");
-    hand.0.wait(&format!("new Set([...voxelastic.view.tiles.values()].map((tile) => tile.submap)).size === {}", store.manifest().submaps.len()));
-    println!("page with {} submaps after {:.1} s", store.manifest().submaps.len(), clock.elapsed().as_secs_f64());
+    hand.0.wait(&format!("new Set([...voxelastic.view.tiles.values()].map((tile) => tile.submap)).size === {}", submaps));
+    println!("page with {} submaps after {:.1} s", submaps, clock.elapsed().as_secs_f64());
     let clock = Instant::now();
 
     // A submap is selected and dragged by a handle; the graph follows, and the picture comes soon.
-    let middle = submap_of(truth.len() / 3);
+    let middle = editing::submap_of(&map, truth.len() / 3);
     let camera = format!("{{ target: voxelastic.view.submaps.get({middle}).slice(0, 3), distance: 40, yaw: -0.9, pitch: 1.2 }}");
     hand.settle(Some(&camera));
     let place = hand.place_of(middle);
