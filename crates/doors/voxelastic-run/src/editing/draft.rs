@@ -1,12 +1,12 @@
 //! A map that is edited and looked at before it is written: every edit is tried first, then taken or dropped, and nothing is on the disk until it is saved.
 
 use super::closures::{ListedClosure, edits, listed, loops_of};
-use super::editor::{Editor, locked, undo_all};
+use super::editor::{Editor, locked, replay, undo_all};
 use super::graph;
 use super::list::{Between, Edit};
 use super::pair_fit::{PairFit, misaligned};
 use super::state::{Done, State};
-use crate::error::{During, Error, Result};
+use crate::error::{Error, Result};
 use crate::map_files;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -78,10 +78,9 @@ impl Draft {
         };
         let first = State::of(editor.map.base())?;
         let (mut state, mut steps) = (first.clone(), Vec::new());
-        for (k, mut edit) in editor.edits.clone().into_iter().enumerate() {
-            let done = state.apply(&mut edit).during(format!("edit {} of {} cannot be done again", k + 1, map.display()))?;
-            steps.push(Step { edit, done, state: state.clone(), fits: None });
-        }
+        replay(&mut state, map, &mut editor.edits.clone(), |edit, done, state| {
+            steps.push(Step { edit: edit.clone(), done, state: state.clone(), fits: None });
+        })?;
         let loops = loops_of(editor.map.base())?;
         Ok(Self {
             dir: map.to_owned(),
@@ -176,19 +175,13 @@ impl Draft {
     /// Takes the last edit back; false if there is none.
     pub fn undo(&mut self) -> bool {
         self.trial = None;
-        let last = self.steps.pop();
-        let is_some = last.is_some();
-        self.undone.extend(last);
-        is_some
+        move_last(&mut self.steps, &mut self.undone)
     }
 
     /// Does the edit again that was undone last; false if there is none.
     pub fn redo(&mut self) -> bool {
         self.trial = None;
-        let next = self.undone.pop();
-        let is_some = next.is_some();
-        self.steps.extend(next);
-        is_some
+        move_last(&mut self.undone, &mut self.steps)
     }
 
     /// Writes the edits: when this returns, the map on the disk is durable, and the one that is shown without what is tried. To be called in a pool.
@@ -275,6 +268,14 @@ impl Draft {
         let ids: Vec<SubmapId> = self.submaps().map(|(id, _)| id).collect();
         Ok(misaligned(&atlas(self.state(), &ids)?))
     }
+}
+
+/// Moves the last step to another list; false if there is none.
+fn move_last(from: &mut Vec<Step>, to: &mut Vec<Step>) -> bool {
+    let last = from.pop();
+    let is_some = last.is_some();
+    to.extend(last);
+    is_some
 }
 
 /// Some submaps of a map.

@@ -118,12 +118,19 @@ pub(super) fn locked(error: voxelastic_io::Error) -> Error {
     }
 }
 
+/// Does edits again on the map of before them, and calls `each` with each and the map with it.
+pub(super) fn replay(state: &mut State, map: &Path, edits: &mut [Edit], mut each: impl FnMut(&Edit, Done, &State)) -> Result<()> {
+    for (k, edit) in edits.iter_mut().enumerate() {
+        let done = state.apply(edit).during(format!("edit {} of {} cannot be done again", k + 1, map.display()))?;
+        each(edit, done, state);
+    }
+    Ok(())
+}
+
 /// A map with edits that it had before.
 fn replayed(base: &MapStore, edits: &mut [Edit]) -> Result<State> {
     let mut state = State::of(base)?;
-    for (k, edit) in edits.iter_mut().enumerate() {
-        state.apply(edit).during(format!("edit {} of {} cannot be done again", k + 1, base.dir().display()))?;
-    }
+    replay(&mut state, base.dir(), edits, |_, _, _| ())?;
     Ok(state)
 }
 

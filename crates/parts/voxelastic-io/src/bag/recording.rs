@@ -51,7 +51,7 @@ pub struct Recording {
     selection: Selection,
     log: Arc<PlaybackLog>,
     /// Whether it was said where the lidar is taken to be.
-    is_mount_told: Arc<AtomicBool>,
+    has_said_mount: Arc<AtomicBool>,
 }
 
 impl fmt::Debug for Recording {
@@ -115,8 +115,8 @@ impl Recording {
         if corrections.len() > 0 {
             description.notes.push(format!("poses are corrected {} times", corrections.len()));
         }
-        let (options, selection, log, is_mount_told) = (options.clone(), Selection::default(), Arc::default(), Arc::default());
-        Ok(Self { path: path.into(), description, input, given, nodes, corrections, options, selection, log, is_mount_told })
+        let (options, selection, log, has_said_mount) = (options.clone(), Selection::default(), Arc::default(), Arc::default());
+        Ok(Self { path: path.into(), description, input, given, nodes, corrections, options, selection, log, has_said_mount })
     }
 
     /// The recording's path.
@@ -253,7 +253,7 @@ impl Recording {
             Input::Bag(chosen) => chosen.mounts(&self.options),
             Input::Capture(_) => SensorMounts::one(self.options.t_base_lidar),
         };
-        let mounts = SensorMounts { is_told: Arc::clone(&self.is_mount_told), ..mounts };
+        let mounts = SensorMounts { has_said: Arc::clone(&self.has_said_mount), ..mounts };
         PlayerOptions {
             path: self.path.clone(),
             poses,

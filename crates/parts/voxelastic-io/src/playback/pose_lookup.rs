@@ -35,7 +35,7 @@ pub(crate) struct SensorMounts {
     /// Whether messages come from a robot: nothing comes in order, and transforms may change.
     pub(crate) is_live: bool,
     /// Whether it was said where the first lidar is taken to be. A recording is looked at before it is played.
-    pub(crate) is_told: Arc<AtomicBool>,
+    pub(crate) has_said: Arc<AtomicBool>,
 }
 
 /// A lidar whose place on what the poses are of has changed.
@@ -57,8 +57,8 @@ impl SensorMounts {
     }
 
     /// Whether something about the place of the first lidar is still to be said; once.
-    fn is_to_be_told(&self) -> bool {
-        !self.is_told.swap(true, Ordering::Relaxed)
+    fn must_say(&self) -> bool {
+        !self.has_said.swap(true, Ordering::Relaxed)
     }
 
     fn given(&self, sensor: u16) -> Option<Pose> {
@@ -205,7 +205,7 @@ impl PoseLookup {
         }
         let child = if let PoseSource::Topic { child, .. } = &self.source { child.clone() } else { String::new() };
         let found = if self.is_registered(frame) {
-            if self.mounts.is_to_be_told() {
+            if self.mounts.must_say() {
                 tell_registered(frame, &child);
             }
             self.mounts.given(sensor).unwrap_or_default()
@@ -250,7 +250,7 @@ fn mounting(tree: &TransformTree, child: &str, lidar: &str, mounts: &SensorMount
         return Pose::identity();
     }
     tree.fixed(child, lidar).unwrap_or_else(|| {
-        if mounts.is_to_be_told() {
+        if mounts.must_say() {
             tracing::warn!(
                 "no fixed transform leads from {child} to {lidar}: the poses are taken as those of the lidar (--t-base-lidar says otherwise)"
             );

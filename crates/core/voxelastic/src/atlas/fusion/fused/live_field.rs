@@ -50,11 +50,11 @@ struct Changed {
     near: HashSet<u64>,
     margin: i32,
     shift: u32,
-    lately: [Lately; 2],
+    recent: [RecentRanges; 2],
 }
 
-/// Ranges of cubes that were met lately: blocks side by side mostly reach the same ones.
-struct Lately(Vec<CubeRange>);
+/// Ranges of cubes that were met recent: blocks side by side mostly reach the same ones.
+struct RecentRanges(Vec<CubeRange>);
 
 /// Cubes of one size, by the lowest and the highest along each axis; none if the lowest is above the highest. They are counted as in their keys.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -136,22 +136,22 @@ impl Changed {
     /// What the blocks between two reach is out of date.
     fn add_between(&mut self, low: [i32; 3], high: [i32; 3]) {
         let (stale, near) = (CubeRange::new(low, high, 0, CUBE_SHIFT), CubeRange::new(low, high, self.margin, self.shift));
-        if self.lately[0].is_new(stale) {
+        if self.recent[0].is_new(stale) {
             self.stale.extend(stale.keys());
         }
-        if self.lately[1].is_new(near) {
+        if self.recent[1].is_new(near) {
             self.near.extend(near.keys());
         }
     }
 }
 
-impl Default for Lately {
+impl Default for RecentRanges {
     fn default() -> Self {
         Self(vec![CubeRange::NONE; 1 << Self::BITS])
     }
 }
 
-impl Lately {
+impl RecentRanges {
     const BITS: u32 = 8;
 
     /// Whether a range is another one than the last in its place.
