@@ -128,12 +128,12 @@ impl Node {
         }
         if let Some(network) = &mut self.listeners.network {
             let outputs = &mut network.offers.outputs;
-            let is_urgent = mapping.pool().install(|| outputs.step_urgent(atlas));
-            has_work |= is_urgent;
-            if !is_urgent && (!scans_wait || self.last_step.elapsed() >= LONGEST_SILENCE) {
+            has_work |= if !scans_wait || self.last_step.elapsed() >= LONGEST_SILENCE {
                 self.last_step = Instant::now();
-                has_work |= mapping.pool().install(|| outputs.step(atlas));
-            }
+                mapping.pool().install(|| outputs.step(atlas))
+            } else {
+                mapping.pool().install(|| outputs.step_urgent(atlas))
+            };
             is_busy |= outputs.is_busy();
         }
         let is_planning = self.exploring().is_some_and(|(exploring, _)| exploring.is_busy());

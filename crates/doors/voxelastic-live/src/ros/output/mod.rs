@@ -304,9 +304,9 @@ impl Outputs {
         self.step_costmap(atlas)
     }
 
-    /// Makes and publishes some of the surface that changed, or of the occupancy; false if nothing is due. To be called in the mapper's threads.
+    /// Publishes what is urgent, else makes and publishes some of the surface that changed, or of the occupancy; false if nothing is due. To be called in the mapper's threads.
     pub fn step(&mut self, atlas: &Atlas) -> bool {
-        self.step_surface(atlas) || self.step_grid(atlas) || self.step_octomap(atlas)
+        self.step_urgent(atlas) || self.step_surface(atlas) || self.step_grid(atlas) || self.step_octomap(atlas)
     }
 
     /// Whether tiles of the surface, the grid or the costmap are being made: they are published by a [`step`](Self::step) soon.

@@ -42,7 +42,7 @@ fn over_a_link_no_more_goes_out_than_it_carries() {
         outputs.note(&mapper, None);
         let until = Instant::now() + Duration::from_millis(100);
         while Instant::now() < until {
-            if !(outputs.step_urgent(mapper.atlas()) || outputs.step(mapper.atlas())) {
+            if !outputs.step(mapper.atlas()) {
                 std::thread::sleep(Duration::from_millis(5));
             }
         }
