@@ -4,20 +4,24 @@ use super::closures::{ListedClosure, edits, listed, loops_of};
 use super::editor::{Editor, locked, replay, undo_all};
 use super::graph;
 use super::list::{Between, Edit};
-use super::pair_fit::{PairFit, misaligned};
+use super::pair_fit::{PairFit, fit};
 use super::state::{Done, State};
+use super::suggesting::{Suggestion, suggestions};
 use crate::error::{Error, Result};
 use crate::map_files;
-use rayon::prelude::*;
 use serde::Serialize;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use voxelastic::Pose;
-use voxelastic::atlas::{Atlas, Submap, SubmapId};
+use voxelastic::atlas::{Submap, SubmapId};
 use voxelastic::event::{Edge, NodeId};
+use voxelastic::geometry::PoseExt;
 use voxelastic_io::Origin;
-use voxelastic_io::store::MapEditor;
+use voxelastic_io::store::{MapEditor, SubmapEntry};
+
+/// What moved less has not moved, metres.
+const LEAST_MOVED: f64 = 1e-4;
 
 /// A map with edits in memory.
 pub struct Draft {
@@ -31,6 +35,9 @@ pub struct Draft {
     steps: Vec<Step>,
     undone: Vec<Step>,
     trial: Option<Step>,
+    /// As it is on the disk.
+    saved: State,
+    shows_saved: bool,
     /// Of the run and of sessions, before all edits.
     loops: Vec<Edge>,
 }
@@ -53,6 +60,17 @@ pub struct Trial {
     pub words: String,
     /// How the two submaps of a closure fit before and after; `null` for other edits, and where they have no surfaces in the same places.
     pub fits: Option<[PairFit; 2]>,
+}
+
+/// What edits have made of a submap.
+#[derive(Clone, Debug, Serialize)]
+pub struct Change {
+    /// The submap.
+    pub submap: SubmapId,
+    /// How far its scans moved at most, metres.
+    pub moved_m: f64,
+    /// Whether something of it was erased or added.
+    pub has_changed: bool,
 }
 
 /// A closure with where its scans are.
@@ -91,6 +109,8 @@ impl Draft {
             steps,
             undone: Vec::new(),
             trial: None,
+            saved: state,
+            shows_saved: false,
             loops,
         })
     }
@@ -99,7 +119,19 @@ impl Draft {
         let store = map_files::open(map)?;
         let (fixed, first, loops) = (edits(&store)?, State::of(&store)?, loops_of(&store)?);
         let read_only = Some(why.to_string());
-        Ok(Self { dir: map.to_owned(), editor: None, read_only, fixed, first, steps: Vec::new(), undone: Vec::new(), trial: None, loops })
+        Ok(Self {
+            dir: map.to_owned(),
+            editor: None,
+            read_only,
+            fixed,
+            saved: first.clone(),
+            first,
+            steps: Vec::new(),
+            undone: Vec::new(),
+            trial: None,
+            shows_saved: false,
+            loops,
+        })
     }
 
     /// Why the map cannot be edited, if so.
@@ -143,7 +175,7 @@ impl Draft {
         if let Some(why) = &self.read_only {
             return Err(Error::new(why.clone(), "wait for it to end, and open the page again"));
         }
-        self.trial = None;
+        (self.trial, self.shows_saved) = (None, false);
         let before = self.steps.last_mut().map_or(&mut self.first, |step| &mut step.state);
         if matches!(edit, Edit::Pin { .. } | Edit::Closure { .. } | Edit::RemoveClosure { .. } | Edit::AlignSession { .. }) {
             // It is the same for all that is tried on this map.
@@ -174,13 +206,13 @@ impl Draft {
 
     /// Takes the last edit back; false if there is none.
     pub fn undo(&mut self) -> bool {
-        self.trial = None;
+        (self.trial, self.shows_saved) = (None, false);
         move_last(&mut self.steps, &mut self.undone)
     }
 
     /// Does the edit again that was undone last; false if there is none.
     pub fn redo(&mut self) -> bool {
-        self.trial = None;
+        (self.trial, self.shows_saved) = (None, false);
         move_last(&mut self.undone, &mut self.steps)
     }
 
@@ -196,6 +228,7 @@ impl Draft {
         if is_saved {
             return Ok(());
         }
+        self.saved = self.steps.last().map_or(&self.first, |step| &step.state).clone();
         if self.steps.is_empty() {
             // Not a byte is left of the edits then, which needs the lock for itself.
             drop(self.editor.take());
@@ -216,7 +249,41 @@ impl Draft {
         }
     }
 
+    /// Shows the map as it is on the disk, for comparison, or the one with all edits again.
+    pub fn show_saved(&mut self, shows_saved: bool) {
+        self.shows_saved = shows_saved;
+    }
+
+    /// Whether what is shown is the map on the disk.
+    pub fn shows_saved(&self) -> bool {
+        self.shows_saved
+    }
+
+    /// What the edits, with the one that is tried, make another one than it is on the disk: submaps with how far their scans moved at most, metres, and whether their
+    /// fields are others.
+    pub fn changes(&self) -> Vec<Change> {
+        let now = self.edited();
+        let of = |entry: &SubmapEntry| {
+            let before = self.saved.entry(entry.id).ok()?;
+            let moved = |(a, b): ((_, Pose), (_, Pose))| (before.t_map_submap * a.1).translation_distance(&(entry.t_map_submap * b.1));
+            let moved_m = graph::now(before).zip(graph::now(entry)).map(moved).fold(0.0, f64::max);
+            let has_changed = match (self.saved.changed.get(&entry.id), now.changed.get(&entry.id)) {
+                (Some(a), Some(b)) => !Arc::ptr_eq(a, b),
+                (None, None) => false,
+                _ => true,
+            };
+            (moved_m > LEAST_MOVED || has_changed).then_some(Change { submap: entry.id, moved_m, has_changed })
+        };
+        now.entries.iter().filter_map(of).collect()
+    }
+
+    /// The map that is shown.
     fn state(&self) -> &State {
+        if self.shows_saved { &self.saved } else { self.edited() }
+    }
+
+    /// The map with all edits, and with the one that is tried.
+    fn edited(&self) -> &State {
         let last = self.trial.as_ref().or(self.steps.last());
         last.map_or(&self.first, |step| &step.state)
     }
@@ -251,7 +318,9 @@ impl Draft {
     pub fn closures(&self) -> Vec<ShownClosure> {
         let poses = graph::poses(&self.state().entries);
         // What the edits of a map that somebody else has did is in its poses; its loop edges are those of before them.
-        let edits = self.edits().chain(self.trial.iter().map(|step| &step.edit));
+        let on_disk = self.editor.iter().flat_map(|editor| &editor.edits).filter(|_| self.shows_saved);
+        let drafted = self.edits().chain(self.trial.iter().map(|step| &step.edit)).filter(|_| !self.shows_saved);
+        let edits = on_disk.chain(drafted);
         let at: HashMap<NodeId, [f64; 3]> = poses.iter().map(|(node, pose)| (*node, pose.translation.vector.into())).collect();
         let shown = |listed: ListedClosure| {
             let [a, b] = listed.scans;
@@ -260,13 +329,17 @@ impl Draft {
         listed(self.loops.clone(), edits, &poses).into_iter().filter_map(shown).collect()
     }
 
-    /// The pairs of submaps that do not fit, the worst first. That looks at all surfaces. To be called in a pool.
+    /// What is least consistent in the map as it is shown, and what would mend it. That looks at all surfaces. To be called in a pool.
     ///
     /// # Errors
     /// When a submap cannot be read.
-    pub fn misaligned(&self) -> Result<Vec<PairFit>> {
-        let ids: Vec<SubmapId> = self.submaps().map(|(id, _)| id).collect();
-        Ok(misaligned(&atlas(self.state(), &ids)?))
+    pub fn suggestions(&self) -> Result<Vec<Suggestion>> {
+        let mut closures: Vec<ListedClosure> = self.closures().into_iter().map(|shown| shown.listed).collect();
+        if self.read_only.is_some() {
+            // The graph of a map that somebody else has is not known: its edits are in its poses.
+            closures.clear();
+        }
+        suggestions(&mut self.state().clone(), &closures)
     }
 }
 
@@ -276,17 +349,4 @@ fn move_last(from: &mut Vec<Step>, to: &mut Vec<Step>) -> bool {
     let is_some = last.is_some();
     to.extend(last);
     is_some
-}
-
-/// Some submaps of a map.
-fn atlas(state: &State, ids: &[SubmapId]) -> Result<Atlas> {
-    let submaps = ids.par_iter().map(|id| state.submap(*id)).collect::<Result<Vec<_>>>()?;
-    let voxel = submaps.first().map_or(1.0, Submap::voxel_size);
-    Ok(Atlas::from_submaps(voxel, submaps))
-}
-
-/// How two submaps fit; none if they have no surfaces in the same places.
-fn fit(state: &State, submaps: [SubmapId; 2]) -> Result<Option<PairFit>> {
-    let atlas = atlas(state, &submaps)?;
-    Ok(atlas.pair_agreement().first().map(|pair| PairFit::of(pair, atlas.voxel_size())))
 }

@@ -55,6 +55,18 @@ pub enum Edit {
         /// The one that goes.
         from: SubmapId,
     },
+    /// Two submaps are not the same place: no closure joins them, they are not merged, and nobody is told that they do not fit.
+    KeepApart {
+        /// The two.
+        submaps: [SubmapId; 2],
+    },
+    /// The map has another zero and another x axis.
+    Origin {
+        /// What is zero then, metres.
+        at: [f64; 3],
+        /// The direction of the x axis then, degrees, from x to y.
+        yaw: f64,
+    },
     /// A session as a whole is moved.
     AlignSession {
         /// Its number.
@@ -101,6 +113,8 @@ pub enum SessionName {
 /// How something is held.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Pin {
+    /// The point of it that is meant by position and height, where it lies before, metres; none for the scanner, or the origin of the submap's frame.
+    pub at: Option<[f64; 3]>,
     /// Its whole pose, of the scanner or of the submap's frame in the map.
     pub pose: Option<Pose>,
     /// Its position, metres.
@@ -130,6 +144,8 @@ impl Edit {
             Self::Closure { .. } => "closure",
             Self::RemoveClosure { .. } => "remove-closure",
             Self::Merge { .. } => "merge",
+            Self::KeepApart { .. } => "keep-apart",
+            Self::Origin { .. } => "origin",
             Self::AlignSession { .. } => "align-session",
             Self::Note { .. } => "note",
         }
@@ -165,6 +181,9 @@ impl Edit {
                     Target::Scan(node) => key("scan", node.to_string()),
                     Target::Submap(id) => key("submap", id.to_string()),
                 }
+                if let Some(at) = &pin.at {
+                    key("at", format!("{at:?}"));
+                }
                 if let Some(pose) = &pin.pose {
                     key("pose", format!("{:?}", numbers(pose)));
                 }
@@ -195,6 +214,11 @@ impl Edit {
             }
             Self::RemoveClosure { scans } => key("scans", format!("{scans:?}")),
             Self::Merge { into, from } => key("submaps", format!("[{into}, {from}]")),
+            Self::KeepApart { submaps } => key("submaps", format!("{submaps:?}")),
+            Self::Origin { at, yaw } => {
+                key("at", format!("{at:?}"));
+                key("yaw", format!("{yaw:?}"));
+            }
             Self::AlignSession { session, t_map_session } => {
                 key(
                     "session",

@@ -11,9 +11,11 @@
 //! | `graph` | the pose graph of a saved map, and what edits add to it |
 //! | `register` | two submaps, by their surfaces |
 //! | `state` | what each edit does |
+//! | `whole` | those that move a session or the map as a whole, or keep submaps apart |
 //! | [`Editor`] | a map that is edited, on disk |
 //! | [`Draft`] | one that is edited and looked at before it is on the disk |
 //! | [`PairFit`] | how two submaps fit, and those that should lie on each other and do not |
+//! | [`Suggestion`] | what is least consistent, and an edit that would mend it |
 
 mod closures;
 mod draft;
@@ -25,11 +27,13 @@ mod parse;
 mod region;
 mod register;
 mod state;
+mod suggesting;
 #[cfg(test)]
 mod tests;
+mod whole;
 
 pub use closures::{ListedClosure, closures, edits};
-pub use draft::{Draft, ShownClosure, Trial};
+pub use draft::{Change, Draft, ShownClosure, Trial};
 pub use editor::{Editor, keep, undo_all};
 pub use list::{Between, Edit, Pin, SessionName, Target, Up};
 pub use pair_fit::PairFit;
@@ -37,3 +41,4 @@ pub use parse::{parse, read};
 pub use region::Region;
 pub use register::Fit;
 pub use state::Done;
+pub use suggesting::{MapCheck, Suggestion};

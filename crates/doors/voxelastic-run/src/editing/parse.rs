@@ -17,7 +17,7 @@ use voxelastic::event::Edge;
 /// Farther than any map reaches, metres.
 const FARTHEST: f64 = 1e8;
 /// The kinds that there are, in the order of the guide.
-const KINDS: &str = "erase, crop, pin, closure, remove-closure, merge, align-session, note";
+const KINDS: &str = "erase, crop, pin, closure, remove-closure, merge, keep-apart, align-session, origin, note";
 /// How far the norm of a quaternion may be from 1.
 const NORM: f64 = 1e-3;
 
@@ -77,6 +77,14 @@ fn edit(keys: &Keys<'_, '_>) -> Result<Edit> {
             let [into, from] = keys.pair("submaps", keys.needed("submaps")?)?;
             Ok(Edit::Merge { into: keys.id("submaps", into)?, from: keys.id("submaps", from)? })
         }
+        "keep-apart" => {
+            let [a, b] = keys.pair("submaps", keys.needed("submaps")?)?;
+            Ok(Edit::KeepApart { submaps: [keys.id("submaps", a)?, keys.id("submaps", b)?] })
+        }
+        "origin" => Ok(Edit::Origin {
+            at: keys.numbers("at", keys.needed("at")?)?,
+            yaw: keys.value("yaw").map_or(Ok(0.0), |value| keys.number("yaw", value))?,
+        }),
         "align-session" => {
             let value = keys.needed("session")?;
             let session = match value.get_ref().as_str() {
@@ -152,6 +160,7 @@ fn pin(keys: &Keys<'_, '_>) -> Result<Edit> {
         if is_direction { Ok(Up::Direction(direction)) } else { Err(keys.place.wrong(&value.span(), "up", "it has no direction")) }
     });
     let pin = Pin {
+        at: keys.value("at").map(|value| keys.numbers("at", value)).transpose()?,
         pose: keys.value("pose").map(|value| keys.pose("pose", value)).transpose()?,
         position: keys.value("position").map(|value| keys.numbers("position", value)).transpose()?,
         height: keys.value("height").map(|value| keys.number("height", value)).transpose()?,
@@ -160,6 +169,9 @@ fn pin(keys: &Keys<'_, '_>) -> Result<Edit> {
     let places = usize::from(pin.pose.is_some()) + usize::from(pin.position.is_some()) + usize::from(pin.height.is_some());
     if places > 1 || (pin.pose.is_some() && pin.up.is_some()) || (keys.value("up").is_some() && upright.is_some()) {
         return Err(keys.place.wrong(&keys.span, "", "`pose` says all; otherwise one of `position` and `height`, and one of `upright` and `up`"));
+    }
+    if pin.at.is_some() && pin.position.is_none() && pin.height.is_none() {
+        return Err(keys.place.wrong(&keys.span, "at", "say where this point of it belongs: `position` or `height`"));
     }
     if pin == Pin::default() {
         return Err(keys.place.wrong(&keys.span, "", "say how it is held: `pose`, `position`, `height`, `upright` or `up`"));

@@ -1,7 +1,7 @@
 //! A map with edits: what each does to the map that those before it have made.
 
 use super::graph::{Graph, now, poses};
-use super::list::{Between, Edit, Pin, SessionName, Target, Up};
+use super::list::{Between, Edit, Pin, Target, Up};
 use super::region::Region;
 use super::register::{Fit, register};
 use crate::error::{Error, Result};
@@ -20,8 +20,11 @@ use voxelastic::event::NodeId;
 use voxelastic::geometry::PoseExt;
 use voxelastic::settings::Settings;
 use voxelastic_io::Origin;
-use voxelastic_io::store::{MapDetails, MapStore, ScanEntry, SessionEntry, StoredFrame, SubmapEntry};
+use voxelastic_io::store::{MapDetails, MapStore, ScanEntry, SessionEntry, SubmapEntry};
 use voxelastic_slam::graph::{HeldRotation, Hold};
+
+/// A point that is held is where it should be after so many rounds, as far as anybody measures.
+const POINT_ROUNDS: usize = 4;
 
 /// What an edit did.
 #[derive(Clone, Debug, Default, Serialize)]
@@ -59,13 +62,15 @@ impl Done {
 /// A map with edits.
 #[derive(Clone)]
 pub(super) struct State {
-    base: MapStore,
+    pub(super) base: MapStore,
     settings: Settings,
     pub(super) origin: Origin,
     pub(super) entries: Vec<SubmapEntry>,
     /// Those whose fields are others than before the edits.
     pub(super) changed: BTreeMap<SubmapId, Arc<Submap>>,
     pub(super) sessions: Vec<SessionEntry>,
+    /// Pairs that are never closed or merged, the smaller number first.
+    pub(super) apart: BTreeSet<[SubmapId; 2]>,
     /// Once somebody asks for it.
     graph: Option<Graph>,
 }
@@ -80,6 +85,7 @@ impl State {
             entries: manifest.submaps.clone(),
             changed: BTreeMap::new(),
             sessions: manifest.sessions.clone(),
+            apart: BTreeSet::new(),
             graph: None,
             base: base.clone(),
         })
@@ -102,6 +108,8 @@ impl State {
             }
             Edit::Pin { target, pin } => self.pin(*target, pin)?,
             Edit::Closure { between, start, edges } => {
+                let submaps = self.submaps_of(*between)?;
+                self.check_not_apart(submaps)?;
                 let fit = if edges.is_empty() { Some(self.register(*between, *start, edges)?) } else { None };
                 for node in edges.iter().flat_map(|edge| [edge.from, edge.to]) {
                     self.submap_of(node)?;
@@ -120,7 +128,9 @@ impl State {
                 self.solve()?
             }
             Edit::Merge { into, from } => self.merge(*into, *from)?,
+            Edit::KeepApart { submaps } => self.keep_apart(*submaps)?,
             Edit::AlignSession { session, t_map_session } => self.align(session, t_map_session)?,
+            Edit::Origin { at, yaw } => self.set_origin(*at, *yaw)?,
             Edit::Note { .. } => Done::default(),
         };
         Ok(Done { kind, ..done })
@@ -140,16 +150,23 @@ impl State {
         Ok(self.graph.insert(graph))
     }
 
-    fn entry(&self, id: SubmapId) -> Result<&SubmapEntry> {
+    pub(super) fn entry(&self, id: SubmapId) -> Result<&SubmapEntry> {
         let found = self.entries.binary_search_by_key(&id, |entry| entry.id).ok().map(|i| &self.entries[i]);
         found.ok_or_else(|| {
             Error::new(format!("there is no submap {id}"), "`voxelastic info MAP` lists the submaps, `voxelastic edit MAP --list` the edits")
         })
     }
 
-    fn submap_of(&self, node: NodeId) -> Result<SubmapId> {
+    pub(super) fn submap_of(&self, node: NodeId) -> Result<SubmapId> {
         let entry = self.entries.iter().find(|entry| entry.scans.iter().any(|scan| scan.node == node));
         entry.map(|entry| entry.id).ok_or_else(|| Error::new(format!("there is no scan {node}"), "scans have the numbers of their nodes"))
+    }
+
+    fn submaps_of(&self, between: Between) -> Result<[SubmapId; 2]> {
+        match between {
+            Between::Submaps(ids) => Ok(ids),
+            Between::Scans([a, b]) => Ok([self.submap_of(a)?, self.submap_of(b)?]),
+        }
     }
 
     /// A submap as it is now.
@@ -212,7 +229,8 @@ impl State {
         // What is held, in the frame of the scan by which it is.
         let t_node_held = if matches!(target, Target::Submap(_)) { t_submap_node.inverse() } else { Pose::identity() };
         let t_map_held = t_map_node * t_node_held;
-        let offset = t_map_node.translation.vector - t_map_held.translation.vector;
+        let point = pin.at.map_or(t_map_held.translation.vector, |at| Vector3::from(self.origin.point_to_local(at)));
+        let offset = t_map_node.translation.vector - point;
         let mut hold = Hold { node, position: [None; 3], rotation: HeldRotation::Free };
         if let Some(pose) = &pin.pose {
             hold = Hold::at(node, &(self.origin.to_local(*pose) * t_node_held.inverse()));
@@ -232,14 +250,22 @@ impl State {
             hold.rotation = HeldRotation::Up(up);
         }
         self.graph()?.hold(hold);
-        self.solve()
+        let mut done = self.solve()?;
+        // A point away from the scan goes elsewhere when the scan turns, which is known only then.
+        for _ in 0..if pin.at.is_some() { POINT_ROUNDS } else { 0 } {
+            let pose = poses(&self.entries)[&node];
+            let now = pose * nalgebra::Point3::from(t_map_node.inverse() * nalgebra::Point3::from(point));
+            let offset = pose.translation.vector - now.coords;
+            let wanted = pin.position.or(pin.height.map(|height| [0.0, 0.0, height])).map(|p| self.origin.point_to_local(p));
+            hold.position = std::array::from_fn(|k| hold.position[k].and(wanted).map(|wanted| wanted[k] + offset[k]));
+            self.graph()?.hold(hold);
+            done.moved_most_m = done.moved_most_m.max(self.solve()?.moved_most_m);
+        }
+        Ok(done)
     }
 
     fn register(&self, between: Between, start: Option<Pose>, edges: &mut Vec<voxelastic::event::Edge>) -> Result<Fit> {
-        let ids = match between {
-            Between::Submaps(ids) => ids,
-            Between::Scans([a, b]) => [self.submap_of(a)?, self.submap_of(b)?],
-        };
+        let ids = self.submaps_of(between)?;
         if ids[0] == ids[1] {
             let message = format!("both are of submap {}, which is rigid", ids[0]);
             return Err(Error::new(message, "name scans of two submaps; or give what is `measured`"));
@@ -266,7 +292,7 @@ impl State {
         Ok(Done { moved_most_m: self.moved_since(&before), ..Done::default() })
     }
 
-    fn moved_since(&self, before: &BTreeMap<NodeId, Pose>) -> f64 {
+    pub(super) fn moved_since(&self, before: &BTreeMap<NodeId, Pose>) -> f64 {
         let after = poses(&self.entries);
         before.iter().filter_map(|(node, pose)| Some(after.get(node)?.translation_distance(pose))).fold(0.0, f64::max)
     }
@@ -274,6 +300,7 @@ impl State {
     fn merge(&mut self, into: SubmapId, from: SubmapId) -> Result<Done> {
         let session = |id: SubmapId| self.sessions.iter().find(|session| session.has(id)).map(|session| session.number);
         let (mut target, source) = (self.submap(into)?, self.submap(from)?);
+        self.check_not_apart([into, from])?;
         if session(into) != session(from) {
             return Err(Error::new(format!("submaps {into} and {from} are of two sessions, which stay apart"), "merge submaps of one session"));
         }
@@ -289,43 +316,5 @@ impl State {
         }
         self.changed.insert(into, Arc::new(target));
         Ok(Done::default())
-    }
-
-    fn align(&mut self, name: &SessionName, t_map_session: &Pose) -> Result<Done> {
-        let mut sessions = self.sessions.clone();
-        if sessions.is_empty() {
-            return Err(Error::new(
-                "the map has one session only",
-                "a place on Earth is given by `voxelastic georeference`; submaps are held by a `pin`",
-            ));
-        }
-        let is_it = |session: &&mut SessionEntry| match name {
-            SessionName::Number(number) => session.number == *number,
-            SessionName::Input(input) => session.input.as_deref() == Some(input),
-        };
-        let all: Vec<String> = sessions.iter().map(|s| format!("{} ({})", s.number, s.input.as_deref().unwrap_or("data not known"))).collect();
-        let mut named = sessions.iter_mut().filter(is_it);
-        let (Some(session), None) = (named.next(), named.next()) else {
-            return Err(Error::new(format!("no session, or more than one, is named so: the map has {}", all.join(", ")), "name it by its number"));
-        };
-        let before = session.t_map_session.map_or_else(Pose::identity, |frame| frame.0);
-        // As users have it, and as poses of submaps count.
-        let change = t_map_session * before.inverse();
-        let shift = self.origin.to_map(Pose::identity());
-        let mut change = shift.inverse() * change * shift;
-        change.rotation.renormalize();
-        session.t_map_session = Some(StoredFrame(*t_map_session));
-        let session = session.clone();
-        let poses_before = poses(&self.entries);
-        for entry in self.entries.iter_mut().filter(|entry| session.has(entry.id)) {
-            entry.t_map_submap = change * entry.t_map_submap;
-            entry.t_map_submap.rotation.renormalize();
-        }
-        let moved: BTreeSet<NodeId> =
-            self.entries.iter().filter(|entry| session.has(entry.id)).flat_map(|entry| entry.scans.iter().map(|scan| scan.node)).collect();
-        let now = poses(&self.entries);
-        self.graph()?.moved(|node| moved.contains(&node), &now, &change);
-        self.sessions = sessions;
-        Ok(Done { moved_most_m: self.moved_since(&poses_before), ..Done::default() })
     }
 }

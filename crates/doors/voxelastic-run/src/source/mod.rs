@@ -2,6 +2,7 @@
 
 mod hold_out;
 mod inputs;
+mod pair_picture;
 mod pose_check;
 mod raw;
 mod sample;
@@ -9,6 +10,7 @@ mod times_check;
 
 pub use hold_out::HoldOut;
 pub use inputs::Inputs;
+pub use pair_picture::draw_pair;
 pub use pose_check::{PosesCheck, pose_flags, pose_problem};
 pub use raw::RawSource;
 pub use sample::{Examination, Sample, SampledCloud};

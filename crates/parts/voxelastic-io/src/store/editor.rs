@@ -61,7 +61,7 @@ impl MapEditor {
     pub fn open(path: impl AsRef<Path>) -> Result<Self> {
         let (store, lock) = locked(path.as_ref())?;
         let list = read_list(&store)?;
-        let base = if store.manifest().edits.is_some() { MapStore::open_base(store.dir())? } else { store.clone() };
+        let base = store.before_edits()?;
         Ok(Self { writer: MapWriter::new(store, lock), base, list, written: HashMap::new() })
     }
 

@@ -56,6 +56,14 @@ impl MapStore {
         Ok(Self { dir: dir.to_owned(), manifest: manifest_text::read(&path, &text)?, is_for_surfaces: false })
     }
 
+    /// The map of before its edits, which is this one if it has none. Takes no lock: somebody may be editing it.
+    ///
+    /// # Errors
+    /// As for [`open`](Self::open).
+    pub fn before_edits(&self) -> Result<Self> {
+        if self.manifest.edits.is_some() { Self::open_base(&self.dir) } else { Ok(self.clone()) }
+    }
+
     /// Refuses a map with edits, which whoever writes it would lose.
     pub(super) fn check_unedited(&self) -> Result<()> {
         match self.manifest.edits {
