@@ -9,8 +9,10 @@ class MapEditor {
     Object.assign(this, { view, token: location.hash.slice(1), figures: null, wanted: null, running: null, before: null, pose: null, seen: { drags: [], tries: 0 } });
     this.tools = new Tools(view, {
       chosen: () => this.select(this.tools.isErasing() ? this.view.selected : []), select: (id) => this.select(id === null ? [] : [id]), pair: (id) => this.pair(id), mayMove: () => this.mayEdit(),
-      moved: (pose) => this.moveTo(pose), outlined: (polygon) => this.outlined(polygon),
+      moved: (pose) => this.moveTo(pose), outlined: (polygon) => this.outlined(polygon), measured: (point) => this.measurePoint(point),
     });
+    this.measure = new Measure(view);
+    this.suggested = -1;
     addEventListener("keydown", (e) => this.key(e));
     addEventListener("beforeunload", (e) => { if (this.figures && !this.figures.is_saved) e.preventDefault(); });
   }
@@ -56,11 +58,14 @@ class MapEditor {
     return this.running;
   }
 
-  /** After what is tried: takes or drops it, undoes, does again, saves, looks for misaligned pairs. */
+  /** After what is tried: takes or drops it, undoes, does again, saves, looks for suggestions, shows the saved map. */
   async ask(name) {
     if (!this.mayEdit()) return;
     await this.running;
-    if (name === "misaligned") this.say("looking …");
+    if (name === "suggest") {
+      this.suggested = -1;
+      this.say("looking …");
+    }
     if (await this.post(name, "") && name === "discard") this.letGo();
     if (name === "accept") this.view.region = null;
     this.view.stale = true;
@@ -123,11 +128,67 @@ class MapEditor {
     this.moveTo([...sub([x, y, z], this.figures.origin), ...turnedPose(this.pose, (turn * Math.PI) / 180).slice(3)]);
   }
 
+  /** Goes to what a suggestion is about. */
+  goTo(i) {
+    const one = this.figures.suggestions[i];
+    this.suggested = i;
+    this.select(one.code === "floating" ? [] : one.submaps.slice(0, 2));
+    this.view.lookAtPlace(sub(one.at, this.figures.origin));
+    showLists(this.view, this, this.figures);
+    document.querySelector('#suggestions [aria-current="true"]')?.scrollIntoView({ block: "nearest" });
+  }
+
+  /** Goes there and tries its edit. */
+  trySuggestion(i) {
+    const { text, edit } = this.figures.suggestions[i], box = edit?.match(/min = \[(.*?)\], max = \[(.*?)\]/);
+    this.goTo(i);
+    if (!edit || !this.mayEdit()) return this.say(text, true);
+    if (box) {
+      const [low, high] = box.slice(1).map((numbers) => sub(numbers.split(",").map(Number), this.figures.origin));
+      this.view.region = { polygon: [[low[0], low[1]], [high[0], low[1]], [high[0], high[1]], [low[0], high[1]]], z: [low[2], high[2]] };
+    }
+    this.attempt(edit.replace("[[edit]]", "").trim());
+  }
+
+  /** The next suggestion, from the first again after the last one; looks for some if nobody has. */
+  async nextSuggestion() {
+    if (!this.figures?.suggestions || this.figures.suggestions_are_old) await this.ask("suggest");
+    const count = this.figures?.suggestions?.length || 0;
+    if (count) this.trySuggestion((this.suggested + 1) % count);
+  }
+
+  measurePoint(point) {
+    this.measure.origin = this.figures?.origin;
+    if (!this.measure.add(point)) this.say("no surface is there", true);
+  }
+
+  /** Shows the map on the disk, or with the edits again. */
+  compareSaved() { this.ask(this.figures?.shows_saved ? "draft" : "saved"); }
+
+  /** Colours what the edits change. */
+  showChanges() {
+    const { view } = this;
+    view.show.changes = !view.show.changes;
+    byId("difference").setAttribute("aria-pressed", String(view.show.changes));
+    view.draw();
+  }
+
+  showCompared({ changes, shows_saved }) {
+    this.view.changes = new Map(changes.map((change) => [change.submap, change]));
+    byId("saved-map").setAttribute("aria-pressed", String(shows_saved));
+    const far = most([0, ...changes.map(({ moved_m }) => moved_m)]), others = changes.filter(({ has_changed }) => has_changed).length;
+    const words = [far ? `moved by up to ${far.toFixed(3)} m` : "", others ? `${others} with something erased or merged` : ""].filter(Boolean).join(", ");
+    byId("changed").textContent = changes.length ? `${changes.length} submaps are others: ${words}` : "The same";
+  }
+
+  picture() { return savePicture(this.view, document.querySelector("#panel h1").textContent); }
+
   /** The numbers of what is selected. */
   numbers() {
     const { view } = this, [id] = view.selected, pose = view.submaps.get(id), { tool } = this.tools;
-    byId("selected").hidden = tool === "box" || tool === "lasso";
-    byId("erase").hidden = !byId("selected").hidden;
+    byId("selected").hidden = tool !== "move" && tool !== "closure";
+    byId("erase").hidden = !this.tools.isErasing();
+    byId("measure").hidden = byId("aim").hidden = tool !== "measure";
     const help = tool === "closure" ? "Click two submaps that saw the same place" : "Click a submap";
     byId("which").textContent = view.selected.length === 2 ? `Submaps ${view.selected.join(" and ")}` : pose ? `Submap ${id}` : help;
     document.querySelector("#selected .numbers").hidden = view.selected.length !== 1 || tool !== "move";
@@ -178,9 +239,17 @@ class MapEditor {
     else if (control && key === "y") this.ask("redo");
     else if (control && key === "s") this.ask("save");
     else if (control || e.altKey) return;
-    else if (key === "enter" && this.figures?.trial && document.activeElement?.tagName !== "BUTTON") this.ask("accept");
+    else if (this.tools.tool === "measure" && document.activeElement === this.view.canvas && ["enter", "backspace", "escape"].includes(key) && !this.figures?.trial) {
+      const { clientWidth: w, clientHeight: h } = this.view.canvas;
+      if (key === "enter") this.measurePoint(this.view.pick(w / 2, h / 2));
+      else this.measure[key === "escape" ? "clear" : "back"]();
+    } else if (key === "enter" && this.figures?.trial && document.activeElement?.tagName !== "BUTTON") this.ask("accept");
     else if (key === "escape") this.figures?.trial ? this.ask("discard") : this.select([]);
     else if (!isTyping && key === "b") this.compare();
+    else if (!isTyping && key === "v") this.compareSaved();
+    else if (!isTyping && key === "e") this.showChanges();
+    else if (!isTyping && key === "p") this.picture();
+    else if (!isTyping && key === "n") this.nextSuggestion();
     else if (!isTyping && TOOLS.some((tool) => tool.key === key)) this.tools.choose(TOOLS.find((tool) => tool.key === key).name);
     else return;
     e.preventDefault();
@@ -202,9 +271,10 @@ class MapEditor {
     view.arrange();
     this.numbers();
     showTrial(figures.trial);
+    this.showCompared(figures);
     showLists(view, this, figures);
     const off = !this.mayEdit();
-    document.querySelectorAll("#steps button, #tools button, #selected input, #erase input, #erase select, #look").forEach((b) => { b.disabled = off; });
+    document.querySelectorAll("#steps button, #tools button, #selected input, #erase input, #erase select, #look, #next, #saved-map").forEach((b) => { b.disabled = off; });
     byId("undo").disabled ||= figures.edits.length === 0;
     byId("redo").disabled ||= figures.redo === 0;
     byId("save").disabled ||= figures.is_saved;

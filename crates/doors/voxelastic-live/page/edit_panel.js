@@ -1,4 +1,4 @@
-// The panels: tools, numbers of what is selected, the edit that is tried; closures, misaligned pairs and edits.
+// The panels: tools, numbers of what is selected, the edit that is tried, measures, comparison; suggestions, closures and edits.
 
 /** Rows of a list that are shown. */
 const ROWS = 100;
@@ -38,13 +38,22 @@ function editPanels(view, editor) {
     field("Tried, not taken yet", "trial", el("table", { id: "fits" }), el("div", { class: "choices" },
       button("accept", "Accept ⏎", "Take it (Enter)", () => editor.ask("accept")), button("discard", "Drop", "Drop it (Escape)", () => editor.ask("discard")),
       el("button", { type: "button", id: "before", "aria-pressed": "false", title: "Show the map before it (B)", onclick: () => editor.compare() }, "Before"))),
+    field("Measure", "measure", el("p", { id: "measure-help" }, "Click points on surfaces; with the keys, arrows turn the picture and Enter takes what is under the cross."),
+      el("dl", { id: "measures", "aria-live": "polite" }), el("div", { class: "choices" }, button("unmeasure", "Last point back", "Takes the last point back (Backspace)", () => editor.measure.back()),
+        button("remeasure", "Clear", "Begins again (Escape)", () => editor.measure.clear()))),
+    field("Compare with the saved map", "compare", el("div", { class: "choices" },
+      el("button", { type: "button", id: "saved-map", "aria-pressed": "false", title: "Show the map as it is saved, and again with the edits (V)", onclick: () => editor.compareSaved() }, "Saved map"),
+      el("button", { type: "button", id: "difference", "aria-pressed": "false", title: "Colour what the edits change (E)", onclick: () => editor.showChanges() }, "Difference")),
+      el("p", { id: "changed" })),
     field("Colour", "colours", el("div", { class: "choices" }, ...colours.filter(Boolean))),
-    field("Show", "layers", box("path", "Trajectory"), box("loops", "Closures"), box("backs", "Backs of surfaces: roofs, ceilings")));
+    field("Show", "layers", box("path", "Trajectory"), box("loops", "Closures"), box("backs", "Backs of surfaces: roofs, ceilings")),
+    el("div", { class: "choices" }, button("picture", "Save a picture", "What is seen, as PNG (P)", () => editor.picture())));
   byId("panel").addEventListener("submit", (e) => e.preventDefault());
   const list = (id, title, ...more) => [el("h2", { id: `${id}-title` }, title), ...more, el("ol", { class: "rows", id, "aria-labelledby": `${id}-title` })];
-  byId("lists").append(...list("closures", "Closures"),
-    ...list("misaligned", "Misaligned pairs", el("p", {}, button("look", "Look for them", "Compares the surfaces of all submaps", () => editor.ask("misaligned")))),
-    ...list("edits", "Edits"));
+  byId("lists").append(
+    ...list("suggestions", "Suggestions", el("div", { class: "choices" }, button("look", "Look for some", "Compares the surfaces of all submaps, and tries what may mend them", () => editor.ask("suggest")),
+      button("next", "Next", "Goes to the next one and tries its edit (N)", () => editor.nextSuggestion()))),
+    ...list("closures", "Closures"), ...list("edits", "Edits"));
   const acts = { reset: () => view.reset(), top: () => view.top() };
   document.querySelectorAll("[data-view]").forEach((b) => b.addEventListener("click", () => acts[b.dataset.view]()));
   onTheme.push(() => { view.stale = true; view.draw(); });
@@ -52,7 +61,7 @@ function editPanels(view, editor) {
 }
 
 /** What the lists have. */
-function showLists(view, editor, { closures, misaligned, edits, saved }) {
+function showLists(view, editor, { closures, suggestions, suggestions_are_old, edits, saved }) {
   const off = !editor.mayEdit();
   const middle = ([a, b]) => scaled(add(a, b), 0.5);
   byId("closures-title").textContent = closures.length ? `Closures (${closures.length}), the most suspicious first` : "No closures";
@@ -62,15 +71,20 @@ function showLists(view, editor, { closures, misaligned, edits, saved }) {
     `${scans[0]} – ${scans[1]} `, el("small", {}, `${off_m.toFixed(3)} m off`)),
   el("button", { type: "button", disabled: off, "data-scans": scans.join(" "), "aria-label": `Remove the closure of scans ${scans.join(" and ")}`,
     onclick: () => editor.attempt(`kind = "remove-closure"\nscans = [${scans}]`) }, "Remove"))));
-  byId("misaligned-title").textContent = misaligned === null ? "Misaligned pairs" : misaligned.length ? `Misaligned pairs (${misaligned.length}), the worst first` : "No misaligned pairs";
-  byId("misaligned").replaceChildren(...(misaligned || []).slice(0, ROWS).map(({ submaps, places, matched, apart_m }) => el("li", {},
-    el("button", { type: "button", class: "go", title: "Select both", onclick: () => editor.choosePair(submaps) }, `${submaps[0]} and ${submaps[1]} `,
-      el("small", {}, `${Math.round(100 * matched)} % of ${places} places agree, ${(100 * apart_m).toFixed(1)} cm apart`)),
-    el("button", { type: "button", disabled: off, "data-pair": submaps.join(" "), "aria-label": `Register submaps ${submaps.join(" and ")}`,
-      onclick: () => { editor.choosePair(submaps); editor.register(); } }, "Register"))));
+  const old = suggestions_are_old ? ": of the map before the last edit" : "";
+  byId("suggestions-title").textContent = suggestions === null ? "Suggestions" : suggestions.length ? `Suggestions (${suggestions.length})${old}` : "Nothing is inconsistent";
+  byId("suggestions").replaceChildren(...(suggestions || []).slice(0, ROWS).map((one, i) => el("li", { "aria-current": i === editor.suggested ? "true" : null },
+    el("button", { type: "button", class: "go", title: "Go there", onclick: () => editor.goTo(i) }, `${one.text} `, el("small", {}, agreement(one))),
+    ...(one.edit ? [el("button", { type: "button", disabled: off, "data-suggestion": i, "aria-label": `Try: ${one.text}`, title: one.edit, onclick: () => editor.trySuggestion(i) }, "Try")] : []))));
   byId("edits-title").textContent = edits.length ? `Edits (${edits.length})` : "No edits";
   byId("edits").replaceChildren(...edits.map(({ kind, text }, k) => el("li", { title: text }, el("span", {}, `${k + 1}. ${kind} `,
     el("small", {}, k < saved ? "" : "not saved")))));
+}
+
+/** How many places on surfaces agree if a suggestion is followed. */
+function agreement({ places_agree: agree, edit }) {
+  if (!edit) return "no edit is known";
+  return agree ? `${agree[0].toLocaleString("en")} places agree, ${agree[1].toLocaleString("en")} with it` : "";
 }
 
 /** The edit that is tried: how two submaps fit before and after. */

@@ -1,15 +1,16 @@
 // What the pointer does: selects and moves submaps, names two for a closure, draws what is erased.
 
 /** A pointer that moved less has clicked, pixels. */
-const CLICK = 5;
+const CLICK = { mouse: 5, pen: 8, touch: 14 };
 const TOOLS = [
   { name: "move", text: "Select and move", key: "m", title: "Click a submap, drag its handles (M)" },
   { name: "closure", text: "Closure", key: "c", title: "Click two submaps that saw the same place: they are registered (C)" },
   { name: "box", text: "Box", key: "x", title: "Erase what is in a box, from above (X)" },
+  { name: "measure", text: "Measure", key: "d", title: "Click points: distance, angle, area, height above the ground; Enter takes what is in the middle of the picture (D)" },
   { name: "lasso", text: "Lasso", key: "l", title: "Erase what is in an outline, from above (L)" },
 ];
 
-/** The pointer on the picture; `acts` are `chosen`, `select`, `pair`, `mayMove`, `moved` and `outlined`. */
+/** The pointer on the picture; `acts` are `chosen`, `select`, `pair`, `mayMove`, `moved`, `outlined` and `measured`. */
 class Tools {
   constructor(view, acts) {
     Object.assign(this, { view, acts, tool: "move", drag: null });
@@ -80,7 +81,8 @@ class Tools {
       this.drawOutline([]);
       const polygon = this.onMap(drag.outline);
       if (polygon.length >= 3) this.acts.outlined(polygon);
-    } else if (drag.from && e.type === "pointerup" && Math.hypot(to[0] - drag.from[0], to[1] - drag.from[1]) < CLICK) {
+    } else if (drag.from && e.type === "pointerup" && Math.hypot(to[0] - drag.from[0], to[1] - drag.from[1]) < (CLICK[e.pointerType] || CLICK.mouse)) {
+      if (this.tool === "measure") return this.acts.measured(view.pick(...to));
       const submap = view.submapAt(...to);
       if (this.tool === "closure") this.acts.pair(submap);
       else this.acts.select(submap);

@@ -22,16 +22,19 @@ class EditView extends LiveView {
     super(canvas);
     this.lines.region = this.lineSet();
     this.lines.gizmo = this.lineSet();
-    Object.assign(this.show, { mode: 1, path: true, loops: true, region: true, gizmo: true });
+    this.lines.measured = this.lineSet();
+    Object.assign(this.show, { mode: 1, path: true, loops: true, region: true, gizmo: true, measured: true, changes: false });
     // `local` is what the pointer moves, until the server knows; `instead` poses that are shown for comparison.
-    Object.assign(this, { follow: false, selected: [], closures: [], pointed: -1, region: null, local: null, instead: null, serverPoses: new Map(), gizmo: null });
+    Object.assign(this, { follow: false, selected: [], closures: [], pointed: -1, region: null, local: null, instead: null, serverPoses: new Map(), gizmo: null, measured: [], changes: new Map() });
   }
 
   *surfaces() {
     const [first, second] = this.selected, bytes = (name) => rgb(themed(name)).map((c) => c * 255);
     const [accent, warm, soft] = ["--accent", "--warm", "--soft"].map(bytes);
     for (const s of super.surfaces()) {
-      if (first === undefined) yield s;
+      const change = this.changes.get(s.submap);
+      if (this.show.changes) yield { ...s, mode: 1, colour: !change ? soft : change.moved_m > 0 ? rgb(offColour(change.moved_m)).map((c) => c * 255) : warm };
+      else if (first === undefined) yield s;
       else yield { ...s, mode: 1, colour: s.submap === first ? accent : s.submap === second ? warm : soft };
     }
   }
@@ -62,6 +65,7 @@ class EditView extends LiveView {
     super.refresh();
     this.fill(this.lines.gizmo, this.gizmo?.segments() || []);
     if (!stale) return;
+    this.fill(this.lines.measured, this.measured);
     this.fill(this.lines.loops, this.closures.map(({ ends, off_m }, i) => [...ends, offColour(off_m), i === this.pointed ? 8 : 3.5]));
     const { region } = this, warm = themed("--warm");
     const ring = region ? region.z.map((z) => region.polygon.map(([x, y]) => [x, y, z])) : [[], []];

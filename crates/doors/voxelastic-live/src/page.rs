@@ -43,6 +43,7 @@ const EDITOR: Own = Own {
     scripts: &[
         include_str!("../page/edit_view.js"),
         include_str!("../page/gizmo.js"),
+        include_str!("../page/edit_measure.js"),
         include_str!("../page/edit_tools.js"),
         include_str!("../page/edit_panel.js"),
         include_str!("../page/edit_main.js"),

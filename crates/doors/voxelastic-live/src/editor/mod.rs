@@ -118,11 +118,15 @@ impl EditPage {
                 draft.save()?;
                 return Ok("saved".to_owned());
             }
-            Request::Misaligned => {
-                let pairs = draft.misaligned()?;
-                let words = format!("{} pairs of submaps do not fit", pairs.len());
-                self.updates.keep_misaligned(pairs);
+            Request::Suggest => {
+                let found = draft.suggestions()?;
+                let words = if found.is_empty() { "nothing is inconsistent".to_owned() } else { format!("{} suggestions", found.len()) };
+                self.updates.keep_suggestions(found, draft);
                 return Ok(words);
+            }
+            Request::Saved | Request::Draft => {
+                draft.show_saved(request == Request::Saved);
+                return Ok(if draft.shows_saved() { "the map as it is saved" } else { "the map with the edits" }.to_owned());
             }
             Request::Accept => draft.accept(),
             Request::Discard => draft.discard(),

@@ -5,7 +5,8 @@
 //! | `POST /edit/try` | tries the edit in the body, one table `[[edit]]` as in a list of edits |
 //! | `POST /edit/accept`, `/edit/discard` | takes or drops it |
 //! | `POST /edit/undo`, `/edit/redo`, `/edit/save` | what they say |
-//! | `POST /edit/misaligned` | looks for submaps that do not fit |
+//! | `POST /edit/suggest` | looks for what is least consistent |
+//! | `POST /edit/saved`, `/edit/draft` | shows the map as it is on the disk, or with the edits again |
 //!
 //! Each with `Authorization: Bearer TOKEN`.
 
@@ -40,8 +41,12 @@ pub enum Request {
     Redo,
     /// Writes all.
     Save,
-    /// Looks for submaps that do not fit.
-    Misaligned,
+    /// Looks for what is least consistent.
+    Suggest,
+    /// Shows the map on the disk.
+    Saved,
+    /// Shows the map with the edits.
+    Draft,
 }
 
 /// What was done, or why it was not.
@@ -64,7 +69,7 @@ struct Site {
 /// The routes; requests with the token go to `asks`.
 pub fn routes(asks: SyncSender<Asked>, token: &str) -> Router {
     let site = Site { asks, token: Token::new(token).map(Arc::new) };
-    let names = ["try", "accept", "discard", "undo", "redo", "save", "misaligned"];
+    let names = ["try", "accept", "discard", "undo", "redo", "save", "saved", "draft", "suggest"];
     names.into_iter().fold(Router::new(), |routes, name| routes.route(&format!("/edit/{name}"), post(edit))).with_state(site)
 }
 
@@ -84,7 +89,9 @@ async fn edit(State(site): State<Site>, headers: HeaderMap, uri: Uri, body: Body
         "/edit/undo" => Request::Undo,
         "/edit/redo" => Request::Redo,
         "/edit/save" => Request::Save,
-        _ => Request::Misaligned,
+        "/edit/saved" => Request::Saved,
+        "/edit/draft" => Request::Draft,
+        _ => Request::Suggest,
     };
     let (answer, answered) = oneshot::channel();
     if site.asks.try_send(Asked { request, answer }).is_err() {

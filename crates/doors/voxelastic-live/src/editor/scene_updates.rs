@@ -11,7 +11,7 @@ use std::sync::Arc;
 use voxelastic::atlas::{Submap, SubmapId};
 use voxelastic::surface::{Mesh, MeshOptions};
 use voxelastic_run::Result;
-use voxelastic_run::editing::{Draft, PairFit};
+use voxelastic_run::editing::{Draft, Edit, Suggestion};
 use voxelastic_run::surfaces::SurfaceOptions;
 
 /// Edge of the pieces that a surface is sent in, finest voxels: what is out of the picture is not drawn.
@@ -27,7 +27,13 @@ pub struct SceneUpdates {
     options: SurfaceOptions,
     surfaces: HashMap<SubmapId, Surface>,
     path: Vec<Place>,
-    misaligned: Option<Vec<PairFit>>,
+    suggestions: Option<Suggestions>,
+}
+
+/// What was found, and the edits that the map had then.
+struct Suggestions {
+    found: Vec<Suggestion>,
+    edits: Vec<Edit>,
 }
 
 /// A surface that pages have.
@@ -51,12 +57,12 @@ impl SceneUpdates {
     /// Nothing yet.
     pub fn new(scene: Arc<Scene>, lod: usize) -> Self {
         let options = SurfaceOptions { mesh: MeshOptions { lod, ..MeshOptions::default() }, ..SurfaceOptions::default() };
-        Self { scene, options, surfaces: HashMap::new(), path: Vec::new(), misaligned: None }
+        Self { scene, options, surfaces: HashMap::new(), path: Vec::new(), suggestions: None }
     }
 
-    /// Keeps the pairs that were found not to fit.
-    pub fn keep_misaligned(&mut self, pairs: Vec<PairFit>) {
-        self.misaligned = Some(pairs);
+    /// Keeps what was found not to be consistent in a map.
+    pub fn keep_suggestions(&mut self, found: Vec<Suggestion>, draft: &Draft) {
+        self.suggestions = Some(Suggestions { found, edits: draft.edits().cloned().collect() });
     }
 
     /// Sends pages what is another one than they have. Poses and figures come first.
@@ -119,7 +125,9 @@ impl SceneUpdates {
         }
         json!({
             "rows": rows, "read_only": draft.why_read_only(), "origin": draft.origin().coordinates(), "edits": edits, "saved": saved, "is_saved": is_saved,
-            "redo": draft.undone(), "trial": draft.trial(), "closures": draft.closures(), "misaligned": self.misaligned,
+            "redo": draft.undone(), "trial": draft.trial(), "closures": draft.closures(), "changes": draft.changes(), "shows_saved": draft.shows_saved(),
+            "suggestions": self.suggestions.as_ref().map(|all| &all.found),
+            "suggestions_are_old": self.suggestions.as_ref().is_some_and(|all| !all.edits.iter().eq(draft.edits())),
         })
         .to_string()
     }
