@@ -1,29 +1,29 @@
 //! `voxelastic check`: looks at some of the data before they are mapped, and says what is doubtful.
 
 use crate::args::data::DataArgs;
-use crate::failure;
+use crate::failure::{self, Failure};
 use crate::output;
 use anyhow::Context;
 use clap::Args;
 use serde::Serialize;
-use std::collections::HashMap;
 use std::path::{Path, PathBuf};
-use voxelastic::Pose;
-use voxelastic::geometry::{PoseExt, Rigid};
-use voxelastic_eval::colour::Rgb;
-use voxelastic_eval::grid_view::GridView;
 use voxelastic_io::PoseKind;
-use voxelastic_run::source::{CheckScan, Examination, Verdict, check_undistorted, pose_flags};
-use voxelastic_run::{PosesCheck, Source, Warning, Warnings};
+use voxelastic_run::editing::MapCheck;
+use voxelastic_run::source::{Examination, Verdict, check_undistorted, draw_pair, pose_flags};
+use voxelastic_run::{PosesCheck, Source, Warning, Warnings, map_files, threads};
 
-/// Look at some of the data: what they are, whether poses fit the scans, what is doubtful
+/// Look at some of the data, or at a map: what they are, whether poses fit the scans, what is doubtful
 ///
 /// Reads some of the scans and compares how the lidar moved by their surfaces with how it moved by the poses. Where the two disagree, it looks for the reading of
 /// the poses under which they agree, and names the flags that set it. The picture shows two scans on each other from above: as the poses place them, and, if these
 /// are doubtful, as the best reading does. Of clouds whose points have times it says whether their surfaces are sharper with another reading of these.
+///
+/// Of a map it lists what is least consistent, each with an edit that would mend it, as `voxelastic edit MAP --apply` takes it: closures that bend it, submaps that do
+/// not fit, what leans, pieces that float.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   voxelastic check hall                       what would be mapped, and whether it can be right
+  voxelastic check hall.vox > edits.toml      what is least consistent in a map, with edits that would mend it
   voxelastic check drive.bag -o drive.png     draws two scans on each other
   voxelastic check DATA --json                for programs; exit code 3 if something is doubtful")]
 pub struct CheckArgs {
@@ -77,13 +77,16 @@ struct Poses {
 
 /// Runs the command.
 pub fn run(args: &CheckArgs) -> anyhow::Result<u8> {
+    if map_files::is_map(args.data.path()) {
+        return of_map(args);
+    }
     let mut warnings = Warnings::default();
     let options = args.data.options(false);
     let (source, found) = args.data.source(false, false, PoseKind::default(), PosesCheck::Warn, &mut warnings)?;
     let found = found.context("nothing was examined")?;
     check_undistorted(&found.sample, args.data.path(), &options, &mut warnings);
     let picture = args.output.as_deref().filter(|_| !found.sample.pairs.is_empty());
-    picture.map(|file| draw(file, &found, options.t_base_lidar.as_ref())).transpose()?;
+    picture.map(|file| draw_pair(file, &found, options.t_base_lidar.as_ref())).transpose()?;
     let summary = Summary::of(&source, &found, found.poses.as_ref().and_then(|check| pose_flags(check, &options)), &warnings, picture);
     if args.json {
         output::print_json(&summary)?;
@@ -91,6 +94,19 @@ pub fn run(args: &CheckArgs) -> anyhow::Result<u8> {
         output::print(&summary.page())?;
     }
     Ok(if summary.warnings.is_empty() { failure::DONE } else { failure::DOUBTFUL })
+}
+
+fn of_map(args: &CheckArgs) -> anyhow::Result<u8> {
+    if args.output.is_some() || args.data.names_poses().is_some() {
+        return Err(Failure::usage("a map has no scans to draw, and its poses are its own", "do without -o and flags about poses").into());
+    }
+    let found = threads::pool(0)?.install(|| MapCheck::of(args.data.path()))?;
+    if args.json {
+        output::print_json(&found)?;
+    } else {
+        output::print(&found.page())?;
+    }
+    Ok(if found.suggestions.is_empty() { failure::DONE } else { failure::DOUBTFUL })
 }
 
 impl Summary {
@@ -168,74 +184,4 @@ impl Summary {
         }
         rows.iter().map(|(name, value)| format!("{name:<22}{value}\n")).collect()
     }
-}
-
-const FIRST: Rgb = [214, 96, 34];
-const SECOND: Rgb = [38, 96, 190];
-const BOTH: Rgb = [40, 44, 52];
-const PAPER: Rgb = [255, 255, 255];
-/// Edge of a cell, metres, and how far around the lidar is drawn.
-const PIXEL: f64 = 0.1;
-const HALF: usize = 250;
-/// Columns between two drawings.
-const GAP: usize = 12;
-
-/// Draws the pair of scans that lies farthest apart, from above.
-fn draw(file: &Path, found: &Examination, t_base_lidar: Option<&Pose>) -> anyhow::Result<()> {
-    let track = &found.sample.track;
-    let distance = |(a, b): &&(CheckScan, CheckScan)| track[a.index()].1.translation_distance(&track[b.index()].1);
-    let Some((first, second)) = found.sample.pairs.iter().max_by(|a, b| distance(a).total_cmp(&distance(b))) else { return Ok(()) };
-    let given = track[first.index()].1.inv_mul(&track[second.index()].1);
-    let best = found.poses.as_ref().and_then(|check| check.motion_under_best_reading(track, t_base_lidar, (first.index(), second.index())));
-    let drawings: Vec<Vec<Rgb>> = [Some(given), best].into_iter().flatten().map(|motion| cells(first, second, &motion)).collect();
-    let side = 2 * HALF;
-    let width = drawings.len() * side + (drawings.len() - 1) * GAP;
-    let mut all = vec![PAPER; width * side];
-    for (k, drawing) in drawings.iter().enumerate() {
-        for (row, cells) in drawing.chunks(side).enumerate() {
-            let start = row * width + k * (side + GAP);
-            all[start..start + side].copy_from_slice(cells);
-        }
-    }
-    let title = if drawings.len() == 2 {
-        "two scans from above: by the poses as they are (left), and as the scans agree (right)"
-    } else {
-        "two scans from above, by their poses"
-    };
-    let view = GridView {
-        title: title.to_owned(),
-        labels: ["x [m]", "y [m]"],
-        origin: [-(HALF as f64) * PIXEL; 2],
-        pixel: PIXEL,
-        size: [width, side],
-        cells: &all,
-        legend: vec![(FIRST, "one scan".to_owned()), (SECOND, "the other".to_owned()), (BOTH, "both".to_owned())],
-        ..GridView::default()
-    };
-    view.write_png(file).with_context(|| format!("cannot draw {}", file.display()))?;
-    Ok(())
-}
-
-/// The cells that the points of two scans are in, around the first lidar.
-fn cells(first: &CheckScan, second: &CheckScan, motion: &Pose) -> Vec<Rgb> {
-    let side = 2 * HALF;
-    let moved = Rigid::from(motion);
-    let mut seen: HashMap<usize, u8> = HashMap::new();
-    let points = first.points().iter().map(|p| (*p, 1)).chain(second.points().iter().map(|p| (moved.apply(*p), 2)));
-    for (p, scan) in points {
-        let cell = |v: f32| (f64::from(v) / PIXEL).floor() as i64 + HALF as i64;
-        if let (Ok(x), Ok(y)) = (usize::try_from(cell(p[0])), usize::try_from(cell(p[1])))
-            && x < side
-            && y < side
-        {
-            *seen.entry(y * side + x).or_default() |= scan;
-        }
-    }
-    let colour = |k: usize| match seen.get(&k) {
-        None => PAPER,
-        Some(1) => FIRST,
-        Some(2) => SECOND,
-        Some(_) => BOTH,
-    };
-    (0..side * side).map(colour).collect()
 }

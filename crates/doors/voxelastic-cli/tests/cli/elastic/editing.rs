@@ -20,14 +20,14 @@ pub fn files(map: &Path) -> BTreeMap<String, Vec<u8>> {
 }
 
 /// Fails with the names of the files that differ.
-fn assert_same(map: &Path, expected: &BTreeMap<String, Vec<u8>>, when: &str) {
+pub fn assert_same(map: &Path, expected: &BTreeMap<String, Vec<u8>>, when: &str) {
     let found = files(map);
     let names = found.keys().chain(expected.keys()).filter(|name| found.get(*name) != expected.get(*name));
     assert_eq!(names.collect::<Vec<_>>(), Vec::<&String>::new(), "{when}");
 }
 
 /// Poses of the scans of a map.
-fn corrected(map: &Path) -> BTreeMap<NodeId, Pose> {
+pub fn corrected(map: &Path) -> BTreeMap<NodeId, Pose> {
     let store = MapStore::open(map).unwrap();
     let mut all = BTreeMap::new();
     for entry in &store.manifest().submaps {
@@ -154,7 +154,7 @@ fn a_broken_map_is_mended_from_metres_to_centimetres() {
 }
 
 /// A room in both fields in several submaps, with times and log.
-fn small_map(dir: &Path, name: &str) {
+pub fn small_map(dir: &Path, name: &str) {
     room::write(&dir.join("room"), 24);
     works(dir, &format!("map room -o {name} --voxel-size 0.1 --max-range 20 --field both --lambda-odom 1.5"));
 }
@@ -453,7 +453,7 @@ fn the_example_of_the_guide_works() {
     let kinds = fails(at, "edit room.vox --apply wrong.toml", 2, &["it makes"]).err;
     let rows = page.lines().filter_map(|line| line.strip_prefix("| `")).filter_map(|row| row.split('`').next());
     let listed: Vec<&str> = rows.filter(|kind| !["box", "sphere", "prism"].contains(kind)).collect();
-    assert_eq!(listed.len(), 8);
+    assert_eq!(listed.len(), 10);
     assert!(listed.iter().all(|kind| kinds.contains(kind)), "{listed:?} {kinds}");
 }
 

@@ -15,20 +15,20 @@ use voxelastic_io::store::MapStore;
 use voxelastic_testing::Page;
 
 /// All files of a map but the lock, which names who has it.
-fn files(map: &Path) -> BTreeMap<String, Vec<u8>> {
+pub fn files(map: &Path) -> BTreeMap<String, Vec<u8>> {
     let mut files = editing::files(map);
     files.remove(".lock");
     files
 }
 
 /// A process that serves the page; killed when dropped.
-struct Served {
+pub struct Served {
     child: Child,
-    url: String,
+    pub url: String,
 }
 
 impl Served {
-    fn start(dir: &Path, map: &str) -> Self {
+    pub fn start(dir: &Path, map: &str) -> Self {
         let mut child = voxelastic(dir).args(["edit", map, "--address", "127.0.0.1:0"]).stderr(Stdio::piped()).spawn().unwrap();
         let mut lines = BufReader::new(child.stderr.take().unwrap()).lines();
         let url = lines.by_ref().map_while(Result::ok).find_map(|line| Some(line.split_once("editor: ")?.1.trim().to_owned()));
@@ -61,21 +61,21 @@ impl Drop for Served {
 }
 
 /// A hand at the page.
-struct Hand(Page);
+pub struct Hand(pub Page);
 
 impl Hand {
-    fn mouse(&mut self, kind: &str, [x, y]: [f64; 2]) {
+    pub fn mouse(&mut self, kind: &str, [x, y]: [f64; 2]) {
         let parameters = json!({ "type": kind, "x": x, "y": y, "button": "left", "buttons": u8::from(kind != "mouseReleased"), "clickCount": 1 });
         self.0.call("Input.dispatchMouseEvent", &parameters);
     }
 
-    fn click_at(&mut self, place: [f64; 2]) {
+    pub fn click_at(&mut self, place: [f64; 2]) {
         self.mouse("mousePressed", place);
         self.mouse("mouseReleased", place);
     }
 
     /// Clicks the middle of an element.
-    fn click(&mut self, selector: &str) {
+    pub fn click(&mut self, selector: &str) {
         let place = format!(
             "(() => {{ const e = document.querySelector('{selector}'); e.scrollIntoView({{ block: 'center' }}); const b = e.getBoundingClientRect();
                return [b.x + b.width / 2, b.y + b.height / 2]; }})()"
@@ -84,7 +84,7 @@ impl Hand {
         self.click_at(place);
     }
 
-    fn key(&mut self, key: &str, code: u32, control: bool) {
+    pub fn key(&mut self, key: &str, code: u32, control: bool) {
         for kind in ["rawKeyDown", "keyUp"] {
             let modifiers = if control { 2 } else { 0 };
             self.0.call("Input.dispatchKeyEvent", &json!({ "type": kind, "key": key, "windowsVirtualKeyCode": code, "modifiers": modifiers }));
@@ -92,7 +92,7 @@ impl Hand {
     }
 
     /// What is tried is there; takes it.
-    fn accept(&mut self, kind: &str) {
+    pub fn accept(&mut self, kind: &str) {
         self.0.wait(&format!("voxelastic.editor.figures.trial?.kind === '{kind}' && !voxelastic.editor.running"));
         println!("{}", self.0.value("document.getElementById('words').textContent").as_str().unwrap());
         self.key("Enter", 13, false);
@@ -100,7 +100,7 @@ impl Hand {
     }
 
     /// A camera that stands still and sees all that was sent, from above or not.
-    fn settle(&mut self, camera: Option<&str>) {
+    pub fn settle(&mut self, camera: Option<&str>) {
         if let Some(camera) = camera {
             self.0.value(&format!("Object.assign(voxelastic.view.camera, {camera}); voxelastic.view.draw()"));
         }
@@ -117,7 +117,7 @@ impl Hand {
     }
 
     /// A place of the picture, away from panels, at which a submap is seen.
-    fn place_of(&mut self, submap: u32) -> [f64; 2] {
+    pub fn place_of(&mut self, submap: u32) -> [f64; 2] {
         let search = format!(
             "(() => {{
                 const {{ view }} = voxelastic, {{ clientWidth: w, clientHeight: h }} = view.canvas;
@@ -130,7 +130,7 @@ impl Hand {
     }
 }
 
-fn pair(value: &Value) -> [f64; 2] {
+pub fn pair(value: &Value) -> [f64; 2] {
     [0, 1].map(|k| value[k].as_f64().unwrap_or_else(|| panic!("no place: {value}")))
 }
 

@@ -3,7 +3,9 @@
 pub(super) mod changes;
 pub(super) mod corrections;
 pub(super) mod editing;
+pub(super) mod editor_access;
 pub(super) mod editor_page;
 pub(super) mod refine;
 pub(super) mod sessions;
 pub(super) mod slam;
+pub(super) mod suggestions;
