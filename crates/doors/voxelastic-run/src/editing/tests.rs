@@ -39,7 +39,7 @@ fn all(k: u32) -> Vec<Edit> {
         Edit::Closure { between: Between::Scans([1, 70]), start: None, edges: Vec::new() },
         Edit::RemoveClosure { scans: [9, 4] },
         Edit::Merge { into: 4, from: 2 },
-        Edit::KeepApart { submaps: [9, k] },
+        Edit::KeepApart { submaps: [60, k] },
         Edit::Origin { at: [random(k), 1e5 * random(k + 1), -0.0], yaw: 180.0 * random(k + 2) },
         pin(Pin { at: Some([random(k), 1.0, 2.0]), position: Some([random(k + 1), 2.0, 3.0]), ..Pin::default() }),
         Edit::AlignSession { session: SessionName::Number(2), t_map_session: pose(k) },
