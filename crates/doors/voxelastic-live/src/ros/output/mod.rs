@@ -304,9 +304,11 @@ impl Outputs {
         self.step_costmap(atlas)
     }
 
-    /// Publishes what is urgent, else makes and publishes some of the surface that changed, or of the occupancy; false if nothing is due. To be called in the mapper's threads.
+    /// Publishes what is urgent, and makes and publishes some of the surface that changed, or of the occupancy, which would never come if it waited until nothing is urgent; false
+    /// if nothing is due. To be called in the mapper's threads.
     pub fn step(&mut self, atlas: &Atlas) -> bool {
-        self.step_urgent(atlas) || self.step_surface(atlas) || self.step_grid(atlas) || self.step_octomap(atlas)
+        let is_urgent = self.step_urgent(atlas);
+        self.step_surface(atlas) || self.step_grid(atlas) || self.step_octomap(atlas) || is_urgent
     }
 
     /// Whether tiles of the surface, the grid or the costmap are being made: they are published by a [`step`](Self::step) soon.

@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::link::Link;
+use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::sync::mpsc::{Sender, channel};
 use voxelastic::event::Event;
@@ -66,6 +67,35 @@ fn over_a_link_no_more_goes_out_than_it_carries() {
     for name in ["surface", "surface_points", "octomap", "moving_points", "distance_slice"] {
         assert_eq!(of(&format!("/robot/{name}")), 0, "{name}");
     }
+}
+
+/// A node that is so late that it steps once a scan, each time with a costmap that is ready.
+#[test]
+fn what_is_urgent_does_not_keep_the_rest_waiting() {
+    let (sender, counted) = channel();
+    let mut outputs = Outputs::new(OutputOptions::default());
+    outputs.add_sinks(&Names::of_node("robot"), |profile| Ok(Box::new(Counted(profile.name.clone(), sender.clone())))).unwrap();
+    let settings = Settings { voxel_size: 0.2, max_range: 20.0, field: voxelastic::settings::FieldKind::Both, ..Settings::default() };
+    let simulation =
+        Simulation::new(SimOptions { columns: Some(256), spacing: 1.0, drift: 0.0, scans: Some(10), ..SimOptions::of("street") }).unwrap();
+    let mut mapper = Mapper::new(settings).unwrap();
+    let (mut costmaps, mut others) = (0, BTreeSet::new());
+    for scan in simulation.scans(PoseSource::Truth) {
+        outputs.take_scan(&scan, 0.5);
+        mapper.handle(Event::Scan(scan)).unwrap();
+        outputs.note(&mapper, None);
+        outputs.step_urgent(mapper.atlas());
+        while outputs.is_busy() {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        counted.try_iter().for_each(drop);
+        outputs.step(mapper.atlas());
+        let published: Vec<String> = counted.try_iter().map(|(topic, ..)| topic).collect();
+        costmaps += usize::from(published.iter().any(|topic| topic == "/robot/local_costmap"));
+        others.extend(published);
+    }
+    assert!(costmaps >= 9, "{costmaps}");
+    assert!(others.contains("/robot/surface") && others.contains("/robot/grid"), "{others:?}");
 }
 
 impl Sink for Collected {
