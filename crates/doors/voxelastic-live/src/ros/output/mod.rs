@@ -100,6 +100,8 @@ pub struct Outputs {
     newest: Option<NodeId>,
     /// Whether its moving points are to be published.
     has_moving: bool,
+    /// Which of surface, grid and OctoMap had the last turn.
+    turn: usize,
 }
 
 /// What tells the time of a simulation, seconds; none while it is not known.
@@ -126,6 +128,7 @@ impl Outputs {
             frames: None,
             newest: None,
             has_moving: false,
+            turn: 0,
         }
     }
 
@@ -304,11 +307,16 @@ impl Outputs {
         self.step_costmap(atlas)
     }
 
-    /// Publishes what is urgent, and makes and publishes some of the surface that changed, or of the occupancy, which would never come if it waited until nothing is urgent; false
-    /// if nothing is due. To be called in the mapper's threads.
+    /// Publishes what is urgent, and makes and publishes some of the surface that changed, or of the occupancy: in turns, as what waits until there is nothing else may never come.
+    /// False if nothing is due. To be called in the mapper's threads.
     pub fn step(&mut self, atlas: &Atlas) -> bool {
         let is_urgent = self.step_urgent(atlas);
-        self.step_surface(atlas) || self.step_grid(atlas) || self.step_octomap(atlas) || is_urgent
+        let turns = [Self::step_surface, Self::step_grid, Self::step_octomap];
+        let is_done = turns.iter().any(|_| {
+            self.turn = (self.turn + 1) % turns.len();
+            turns[self.turn](self, atlas)
+        });
+        is_done || is_urgent
     }
 
     /// Whether tiles of the surface, the grid or the costmap are being made: they are published by a [`step`](Self::step) soon.
