@@ -1,12 +1,14 @@
 // The editor: what is asked of the server, one thing after the other, and what it tells.
 
-/** The update after an edit comes within this time, ms, or never. */
-const UPDATE_TIMEOUT = 2000;
+/** What the server tells after it was asked comes within this time, ms, or never: also to a page that draws slowly. */
+const UPDATE_TIMEOUT = 60000;
+/** The status of an answer to what the map refuses. */
+const REFUSED = 409;
 
 class MapEditor {
   constructor(view) {
     // `seen.drags` are the times from a movement of the pointer to the picture of what it did, ms.
-    Object.assign(this, { view, token: location.hash.slice(1), figures: null, wanted: null, running: null, before: null, pose: null, seen: { drags: [], tries: 0 } });
+    Object.assign(this, { view, token: location.hash.slice(1), figures: null, wanted: null, running: null, turn: Promise.resolve(), before: null, pose: null, seen: { drags: [], tries: 0 } });
     this.tools = new Tools(view, {
       chosen: () => this.select(this.tools.isErasing() ? this.view.selected : []), select: (id) => this.select(id === null ? [] : [id]), pair: (id) => this.pair(id), mayMove: () => this.mayEdit(),
       moved: (pose) => this.moveTo(pose), outlined: (polygon) => this.outlined(polygon), measured: (point) => this.measurePoint(point),
@@ -24,10 +26,20 @@ class MapEditor {
     byId("words").textContent = words;
   }
 
-  async post(name, body) {
+  /** Asks the server, one thing after the other. */
+  post(name, body) {
+    this.turn = this.turn.then(() => this.asked(name, body));
+    return this.turn;
+  }
+
+  /** Resolves when the page knows what the request changed, too, which the socket tells, perhaps after the answer. */
+  async asked(name, body) {
+    const updated = new Promise((done) => { this.updated = done; });
     try {
       const answer = await fetch(`/edit/${name}`, { method: "POST", headers: { Authorization: `Bearer ${this.token}` }, body });
-      this.say((await answer.text()).trim(), !answer.ok);
+      const words = (await answer.text()).trim();
+      if (answer.ok || answer.status === REFUSED) await Promise.race([updated, new Promise((done) => { setTimeout(done, UPDATE_TIMEOUT); })]);
+      this.say(words, !answer.ok);
       return answer.ok;
     } catch {
       this.say("the editor does not answer", true);
@@ -48,10 +60,7 @@ class MapEditor {
         this.seen.moved = moved;
         this.seen.tries++;
         if (!moved) this.say("trying …");
-        const updated = new Promise((done) => { this.updated = done; setTimeout(done, UPDATE_TIMEOUT); });
-        const isTried = await this.post("try", `[[edit]]\n${next}\n`);
-        await updated;
-        if (!isTried) this.letGo();
+        if (!(await this.post("try", `[[edit]]\n${next}\n`))) this.letGo();
       }
       this.running = null;
     })();
@@ -87,12 +96,6 @@ class MapEditor {
     view.arrange();
     this.numbers();
     view.draw();
-  }
-
-  choosePair(ids) {
-    this.select(ids);
-    const middle = ids.map((id) => this.view.serverPoses.get(id)).filter(Boolean);
-    if (middle.length === 2) this.view.lookAtPlace(scaled(add(middle[0].slice(0, 3), middle[1].slice(0, 3)), 0.5));
   }
 
   pair(id) {
@@ -132,7 +135,7 @@ class MapEditor {
   goTo(i) {
     const one = this.figures.suggestions[i];
     this.suggested = i;
-    this.select(one.code === "floating" ? [] : one.submaps.slice(0, 2));
+    this.select(one.submaps.slice(0, 2));
     this.view.lookAtPlace(sub(one.at, this.figures.origin));
     showLists(this.view, this, this.figures);
     document.querySelector('#suggestions [aria-current="true"]')?.scrollIntoView({ block: "nearest" });
@@ -140,14 +143,8 @@ class MapEditor {
 
   /** Goes there and tries its edit. */
   trySuggestion(i) {
-    const { text, edit } = this.figures.suggestions[i], box = edit?.match(/min = \[(.*?)\], max = \[(.*?)\]/);
     this.goTo(i);
-    if (!edit || !this.mayEdit()) return this.say(text, true);
-    if (box) {
-      const [low, high] = box.slice(1).map((numbers) => sub(numbers.split(",").map(Number), this.figures.origin));
-      this.view.region = { polygon: [[low[0], low[1]], [high[0], low[1]], [high[0], high[1]], [low[0], high[1]]], z: [low[2], high[2]] };
-    }
-    this.attempt(edit.replace("[[edit]]", "").trim());
+    if (this.mayEdit()) this.attempt(this.figures.suggestions[i].edit.replace("[[edit]]", "").trim());
   }
 
   /** The next suggestion, from the first again after the last one; looks for some if nobody has. */
@@ -181,7 +178,7 @@ class MapEditor {
     byId("changed").textContent = changes.length ? `${changes.length} submaps are others: ${words}` : "The same";
   }
 
-  picture() { return savePicture(this.view, document.querySelector("#panel h1").textContent); }
+  picture() { return this.view.savePicture(document.querySelector("#panel h1").textContent); }
 
   /** The numbers of what is selected. */
   numbers() {

@@ -1,4 +1,4 @@
-// Lengths, angles, areas and heights between points that are picked on surfaces; pictures of what is seen.
+// Lengths, angles, areas and heights between points that are picked on surfaces.
 
 /** What is level around a point: so far around, in steps so high, metres, and of at least this share of the fullest step. */
 const AROUND_LEVEL = 3;
@@ -94,16 +94,4 @@ function upwards(a, b, m, size) {
   n[0] += n[0] >= 0 ? -t : t;
   n[1] += n[1] >= 0 ? -t : t;
   return (m[2] * n[0] + m[6] * n[1] + m[10] * n[2]) / (size * Math.hypot(...n));
-}
-
-/** Saves the picture as it is seen, finely drawn. */
-function savePicture(view, name) {
-  view.refresh();
-  Stage.prototype.render.call(view, true);
-  return new Promise((done) => view.canvas.toBlob((blob) => {
-    const link = el("a", { href: URL.createObjectURL(blob), download: `${name}.png` });
-    link.click();
-    setTimeout(() => URL.revokeObjectURL(link.href), 1000);
-    done(blob.size);
-  }, "image/png"));
 }

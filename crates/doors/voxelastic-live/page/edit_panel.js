@@ -75,15 +75,14 @@ function showLists(view, editor, { closures, suggestions, suggestions_are_old, e
   byId("suggestions-title").textContent = suggestions === null ? "Suggestions" : suggestions.length ? `Suggestions (${suggestions.length})${old}` : "Nothing is inconsistent";
   byId("suggestions").replaceChildren(...(suggestions || []).slice(0, ROWS).map((one, i) => el("li", { "aria-current": i === editor.suggested ? "true" : null },
     el("button", { type: "button", class: "go", title: "Go there", onclick: () => editor.goTo(i) }, `${one.text} `, el("small", {}, agreement(one))),
-    ...(one.edit ? [el("button", { type: "button", disabled: off, "data-suggestion": i, "aria-label": `Try: ${one.text}`, title: one.edit, onclick: () => editor.trySuggestion(i) }, "Try")] : []))));
+    el("button", { type: "button", disabled: off, "data-suggestion": i, "aria-label": `Try: ${one.text}`, title: one.edit, onclick: () => editor.trySuggestion(i) }, "Try"))));
   byId("edits-title").textContent = edits.length ? `Edits (${edits.length})` : "No edits";
   byId("edits").replaceChildren(...edits.map(({ kind, text }, k) => el("li", { title: text }, el("span", {}, `${k + 1}. ${kind} `,
     el("small", {}, k < saved ? "" : "not saved")))));
 }
 
 /** How many places on surfaces agree if a suggestion is followed. */
-function agreement({ places_agree: agree, edit }) {
-  if (!edit) return "no edit is known";
+function agreement({ places_agree: agree }) {
   return agree ? `${agree[0].toLocaleString("en")} places agree, ${agree[1].toLocaleString("en")} with it` : "";
 }
 

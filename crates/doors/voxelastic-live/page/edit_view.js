@@ -28,6 +28,18 @@ class EditView extends LiveView {
     Object.assign(this, { follow: false, selected: [], closures: [], pointed: -1, region: null, local: null, instead: null, serverPoses: new Map(), gizmo: null, measured: [], changes: new Map() });
   }
 
+  /** Saves the picture as it is seen, finely drawn; resolves to its size in bytes. */
+  savePicture(name) {
+    this.refresh();
+    Stage.prototype.render.call(this, true);
+    return new Promise((done) => this.canvas.toBlob((blob) => {
+      const link = el("a", { href: URL.createObjectURL(blob), download: `${name}.png` });
+      link.click();
+      setTimeout(() => URL.revokeObjectURL(link.href), 1000);
+      done(blob.size);
+    }, "image/png"));
+  }
+
   *surfaces() {
     const [first, second] = this.selected, bytes = (name) => rgb(themed(name)).map((c) => c * 255);
     const [accent, warm, soft] = ["--accent", "--warm", "--soft"].map(bytes);
