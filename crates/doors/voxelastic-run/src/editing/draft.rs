@@ -177,7 +177,7 @@ impl Draft {
         }
         (self.trial, self.shows_saved) = (None, false);
         let before = self.steps.last_mut().map_or(&mut self.first, |step| &mut step.state);
-        if matches!(edit, Edit::Pin { .. } | Edit::Closure { .. } | Edit::RemoveClosure { .. } | Edit::AlignSession { .. }) {
+        if edit.needs_graph() {
             // It is the same for all that is tried on this map.
             before.graph()?;
         }
@@ -339,7 +339,7 @@ impl Draft {
             // The graph of a map that somebody else has is not known: its edits are in its poses.
             closures.clear();
         }
-        suggestions(&mut self.state().clone(), &closures)
+        suggestions(&mut self.state().clone(), &closures, &mut || ())
     }
 }
 

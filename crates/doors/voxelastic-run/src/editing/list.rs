@@ -135,6 +135,19 @@ pub enum Up {
 }
 
 impl Edit {
+    /// Whether the pose graph of the map has to be known for it.
+    pub(super) fn needs_graph(&self) -> bool {
+        match self {
+            Self::Pin { .. }
+            | Self::Closure { .. }
+            | Self::RemoveClosure { .. }
+            | Self::KeepApart { .. }
+            | Self::AlignSession { .. }
+            | Self::Origin { .. } => true,
+            Self::Erase { .. } | Self::Crop { .. } | Self::Merge { .. } | Self::Note { .. } => false,
+        }
+    }
+
     /// What it is called.
     pub fn kind(&self) -> &'static str {
         match self {

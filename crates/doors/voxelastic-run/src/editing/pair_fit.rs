@@ -12,8 +12,6 @@ const LEAST_PLACES: u64 = 40;
 /// A pair is misaligned if less than this share of its places match, or if those that do are farther apart than this, voxels.
 const LEAST_MATCHED: f64 = 0.4;
 const MOST_APART: f64 = 0.75;
-/// Partners are no farther apart, voxels.
-const REACH: f64 = 5.0;
 
 /// How the surfaces of two submaps fit.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -35,14 +33,9 @@ impl PairFit {
         Self { submaps: pair.submaps, places: pair.places, matched, apart_m: pair.apart * f64::from(voxel) }
     }
 
-    /// Whether the two are so far from fitting that it is worth a word although nobody knows better.
-    pub fn is_far_off(&self, voxel: f64) -> bool {
-        self.matched < LEAST_MATCHED / 2.0 || self.apart_m > 2.0 * MOST_APART * voxel
-    }
-
     /// Places that agree, those of partners that are apart in part; `voxel`, metres.
     pub fn agreeing(&self, voxel: f64) -> f64 {
-        self.places as f64 * self.matched * (1.0 - self.apart_m / (REACH * voxel))
+        self.places as f64 * self.matched * (1.0 - self.apart_m / (PairAgreement::REACH * voxel))
     }
 }
 

@@ -63,7 +63,7 @@ pub fn draw_pair(file: &Path, found: &Examination, t_base_lidar: Option<&Pose>) 
 fn cells(first: &CheckScan, second: &CheckScan, motion: &Pose) -> Vec<Rgb> {
     let side = 2 * HALF;
     let moved = Rigid::from(motion);
-    let mut seen: HashMap<usize, u8> = HashMap::new();
+    let mut scans_of: HashMap<usize, u8> = HashMap::new();
     let points = first.points().iter().map(|p| (*p, 1)).chain(second.points().iter().map(|p| (moved.apply(*p), 2)));
     for (p, scan) in points {
         let cell = |v: f32| (f64::from(v) / PIXEL).floor() as i64 + HALF as i64;
@@ -71,10 +71,10 @@ fn cells(first: &CheckScan, second: &CheckScan, motion: &Pose) -> Vec<Rgb> {
             && x < side
             && y < side
         {
-            *seen.entry(y * side + x).or_default() |= scan;
+            *scans_of.entry(y * side + x).or_default() |= scan;
         }
     }
-    let colour = |k: usize| match seen.get(&k) {
+    let colour = |k: usize| match scans_of.get(&k) {
         None => PAPER,
         Some(1) => FIRST,
         Some(2) => SECOND,

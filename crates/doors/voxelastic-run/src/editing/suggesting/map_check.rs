@@ -28,17 +28,17 @@ pub struct MapCheck {
 }
 
 impl MapCheck {
-    /// Looks at a map as it is shown. Takes no lock, and changes nothing. To be called in a pool.
+    /// Looks at a map as it is shown; `tried` is called after each edit that was tried. Takes no lock, and changes nothing. To be called in a pool.
     ///
     /// # Errors
     /// A map that is none or is damaged, and edits that cannot be done again.
-    pub fn of(map: &Path) -> Result<Self> {
+    pub fn of(map: &Path, tried: &mut (dyn FnMut() + Send)) -> Result<Self> {
         let store = map_files::open(map)?;
         let (base, mut edits) = (store.before_edits()?, edits(&store)?);
         let mut state = State::of(&base)?;
         replay(&mut state, map, &mut edits, |_, _, _| ())?;
         let closures = listed(loops_of(&base)?, &edits, &poses(&state.entries));
-        let suggestions = super::suggestions(&mut state, &closures)?;
+        let suggestions = super::suggestions(&mut state, &closures, tried)?;
         let scans = state.entries.iter().map(|entry| entry.scans.len()).sum();
         Ok(Self { kind: "map", submaps: state.entries.len(), scans, closures: closures.len(), edits: edits.len(), suggestions })
     }
@@ -52,14 +52,10 @@ impl MapCheck {
         for (k, one) in self.suggestions.iter().enumerate() {
             let [x, y, z] = one.at;
             page += &format!("\n# {}. {}\n# at {x:.1}, {y:.1}, {z:.1}", k + 1, one.text);
-            if let Some([before, after]) = one.places_agree.filter(|_| one.edit.is_some()) {
+            if let Some([before, after]) = one.places_agree {
                 page += &format!("; with this edit {after} places on surfaces agree, and {before} without");
             }
-            page += "\n";
-            match &one.edit {
-                Some(edit) => page += &format!("{edit}\n"),
-                None => page += "# no edit is known that would mend it: look at it with `voxelastic edit`\n",
-            }
+            page += &format!("\n{}\n", one.edit);
         }
         page
     }

@@ -7,7 +7,7 @@ use voxelastic::event::NodeId;
 /// What is not consistent, and what would mend it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Suggestion {
-    /// What it is, which stays: `closure`, `pair`, `tilt` or `floating`.
+    /// What it is, which stays: `closure`, `pair` or `tilt`.
     pub code: &'static str,
     /// In words.
     pub text: String,
@@ -19,6 +19,6 @@ pub struct Suggestion {
     pub scans: Vec<NodeId>,
     /// Places on surfaces at which submaps agree, in the map as it is and with the edit; `null` where the edit was not tried.
     pub places_agree: Option<[u64; 2]>,
-    /// What would mend it, as a list of edits has it; `null` where nobody knows.
-    pub edit: Option<String>,
+    /// What would mend it, as a list of edits has it.
+    pub edit: String,
 }

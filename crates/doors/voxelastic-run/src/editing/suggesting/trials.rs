@@ -8,7 +8,7 @@ use crate::editing::pair_fit::{PairFit, misaligned};
 use crate::editing::state::State;
 use crate::error::Result;
 use rayon::prelude::*;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use voxelastic::atlas::SubmapId;
 use voxelastic::event::NodeId;
 
@@ -18,11 +18,13 @@ const TRIED: usize = 6;
 /// By how much a map bends at least that is worth a word, metres and voxels; and where no surface supports the closure.
 const LEAST_BENT: (f64, f64) = (0.1, 2.0);
 const LEAST_UNSUPPORTED: f64 = 0.3;
-/// More places agree if it is this share of them.
+/// More places agree if it is this share of all that do; and of the places of the pair that is closed. In a hall whose poses are right to a centimetre, closing a pair that does not
+/// fit made 3 to 6 % of its places more agree by chance, and moved scans by 14 cm.
 const BETTER: f64 = 0.005;
+const BETTER_OF_PAIR: f64 = 0.1;
 
-/// A suggestion, and how many places more agree with its edit: none if it was not tried or helps nothing.
-pub type Tried = (Option<u64>, Suggestion);
+/// How many places more agree with the edit of a suggestion.
+pub type Tried = (u64, Suggestion);
 
 /// How often submaps agree.
 fn agreeing(pairs: &[PairFit], voxel: f64) -> u64 {
@@ -35,7 +37,13 @@ fn gain([before, after]: [u64; 2]) -> Option<u64> {
 }
 
 /// The closures that bend the map, and that no surface supports or without which surfaces agree better.
-pub fn of_closures(state: &State, survey: &mut Survey, before: &[PairFit], closures: &[ListedClosure]) -> Result<Vec<Tried>> {
+pub fn of_closures(
+    state: &State,
+    survey: &mut Survey,
+    before: &[PairFit],
+    closures: &[ListedClosure],
+    tried: &mut (dyn FnMut() + Send),
+) -> Result<Vec<Tried>> {
     let voxel = survey.voxel();
     let least = LEAST_BENT.0.max(LEAST_BENT.1 * voxel);
     let without = |closure: &ListedClosure| {
@@ -54,8 +62,9 @@ pub fn of_closures(state: &State, survey: &mut Survey, before: &[PairFit], closu
         let pair = [a.min(b), a.max(b)];
         let is_supported = a == b || before.iter().any(|fit| fit.submaps == pair) && !bad.contains(&pair);
         let both = [agreeing(before, voxel), agreeing(&survey.pairs(&without), voxel)];
-        let (gain, [x, y]) = (gain(both), scans);
-        let why = match (gain, is_supported) {
+        tried();
+        let (more, [x, y]) = (gain(both), scans);
+        let why = match (more, is_supported) {
             (Some(_), _) => "surfaces agree better without it",
             (None, false) if bends >= LEAST_UNSUPPORTED => "its submaps have no surfaces that agree",
             _ => continue,
@@ -67,47 +76,39 @@ pub fn of_closures(state: &State, survey: &mut Survey, before: &[PairFit], closu
             submaps: if a == b { vec![a] } else { vec![a, b] },
             scans: scans.to_vec(),
             places_agree: Some(both),
-            edit: Some(Edit::RemoveClosure { scans }.to_text().trim().to_owned()),
+            edit: Edit::RemoveClosure { scans }.to_text().trim().to_owned(),
         };
-        found.push((gain, suggestion));
+        found.push((more.unwrap_or(0), suggestion));
     }
     Ok(found)
 }
 
-/// The pairs of submaps that do not fit, but for those that somebody keeps apart: each with the closure between them, if they are registered and surfaces agree better then.
-pub fn of_pairs(state: &mut State, survey: &mut Survey, before: &[PairFit]) -> Result<Vec<Tried>> {
+/// The pairs of submaps that do not fit, but for those that somebody keeps apart, if surfaces agree better once they are registered: each with the closure between them.
+pub fn of_pairs(state: &State, survey: &mut Survey, before: &[PairFit], tried: &mut (dyn FnMut() + Send)) -> Result<Vec<Tried>> {
     let voxel = survey.voxel();
-    let mut left: Vec<PairFit> = misaligned(before, voxel).into_iter().filter(|pair| !state.are_apart(pair.submaps)).collect();
+    let mut left: VecDeque<PairFit> = misaligned(before, voxel).into_iter().filter(|pair| !state.are_apart(pair.submaps)).collect();
     let at: BTreeMap<SubmapId, [f64; 3]> =
         state.entries.iter().map(|entry| (entry.id, state.origin.point_to_map(entry.t_map_submap.translation.vector.into()))).collect();
-    let (mut found, mut tries) = (Vec::new(), 0);
-    while !left.is_empty() {
-        let pair = left.remove(0);
+    let mut found = Vec::new();
+    for _ in 0..TRIED {
+        let Some(pair) = left.pop_front() else { break };
         let mut edit = Edit::Closure { between: Between::Submaps(pair.submaps), start: None, edges: Vec::new() };
         let mut closed = state.clone();
-        let is_closed = tries < TRIED && closed.apply(&mut edit).is_ok();
-        tries += 1;
-        let after = is_closed.then(|| survey.pairs(&closed));
-        let both = after.as_ref().map(|after| [agreeing(before, voxel), agreeing(after, voxel)]);
-        let gain = both.and_then(gain);
-        if gain.is_none() && !pair.is_far_off(voxel) {
-            continue;
-        }
+        // Many that do not fit cannot be registered: they saw a wall from either side.
+        let after = closed.apply(&mut edit).is_ok().then(|| survey.pairs(&closed));
+        tried();
+        let Some(after) = after else { continue };
+        let both = [agreeing(before, voxel), agreeing(&after, voxel)];
+        let Some(more) = gain(both).filter(|more| *more as f64 >= BETTER_OF_PAIR * pair.places as f64) else { continue };
         let [a, b] = pair.submaps;
-        let mut text = format!(
-            "submaps {a} and {b} do not fit: {:.0} % of {} places agree, {:.1} cm apart",
-            100.0 * pair.matched,
-            pair.places,
-            100.0 * pair.apart_m
-        );
-        if let (Some(_), Some(after)) = (gain, &after) {
-            // What the same closure mends is not said again.
-            let still: BTreeSet<[SubmapId; 2]> = misaligned(after, voxel).iter().map(|pair| pair.submaps).collect();
-            let count = left.len();
-            left.retain(|other| still.contains(&other.submaps));
-            if left.len() < count {
-                text += &format!("; {} more pairs fit with them", count - left.len());
-            }
+        let (percent, apart) = (100.0 * pair.matched, 100.0 * pair.apart_m);
+        let mut text = format!("submaps {a} and {b} do not fit: {percent:.0} % of {} places agree, {apart:.1} cm apart", pair.places);
+        // What the same closure mends is not said again.
+        let still: BTreeSet<[SubmapId; 2]> = misaligned(&after, voxel).iter().map(|pair| pair.submaps).collect();
+        let count = left.len();
+        left.retain(|other| still.contains(&other.submaps));
+        if left.len() < count {
+            text += &format!("; {} more pairs fit with them", count - left.len());
         }
         let middle = at.get(&a).zip(at.get(&b)).map_or([0.0; 3], |(p, q)| std::array::from_fn(|k| (p[k] + q[k]) / 2.0));
         let suggestion = Suggestion {
@@ -116,10 +117,10 @@ pub fn of_pairs(state: &mut State, survey: &mut Survey, before: &[PairFit]) -> R
             at: middle,
             submaps: pair.submaps.to_vec(),
             scans: Vec::new(),
-            places_agree: both,
-            edit: gain.map(|_| edit.to_text().trim().to_owned()),
+            places_agree: Some(both),
+            edit: edit.to_text().trim().to_owned(),
         };
-        found.push((gain, suggestion));
+        found.push((more, suggestion));
     }
     Ok(found)
 }

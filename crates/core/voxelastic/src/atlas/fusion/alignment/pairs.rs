@@ -34,6 +34,11 @@ pub struct PairAgreement {
     pub left: f64,
 }
 
+impl PairAgreement {
+    /// Surfaces that are farther apart along the normal than this, voxels, are not matched.
+    pub const REACH: f64 = REACH as f64;
+}
+
 /// The places of all fields, by where they are.
 pub(super) struct Pairs {
     points: Vec<SurfacePoint>,
