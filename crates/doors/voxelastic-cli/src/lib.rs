@@ -169,7 +169,7 @@ impl Command {
             Self::Live(args) => live::run(args, quiet),
             Self::View(args) => view::run(args, quiet),
             Self::Mesh(args) => mesh::run(args),
-            Self::Check(args) => check::run(args),
+            Self::Check(args) => check::run(args, quiet),
             Self::Info(args) => info::run(args),
             Self::Render(args) => render::run(args),
             Self::Slice(args) => slice::run(args),

@@ -27,7 +27,7 @@ pub struct DataArgs {
 }
 
 /// Arguments that say how the input is read.
-#[derive(Clone, Debug, Args)]
+#[derive(Clone, Debug, PartialEq, Args)]
 #[command(next_help_heading = "Input")]
 pub struct ReadingArgs {
     /// The pose file, if there are several: a path, or a part of a file name in DATA that is unique
@@ -107,6 +107,11 @@ impl DataArgs {
     /// The folder or file.
     pub fn path(&self) -> &Path {
         &self.data
+    }
+
+    /// Whether anything was said of how the input is read.
+    pub fn says_how_to_read(&self) -> bool {
+        self.reading != ReadingArgs::default()
     }
 
     /// How the data are read, in words.

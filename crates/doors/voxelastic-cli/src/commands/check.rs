@@ -3,6 +3,7 @@
 use crate::args::data::DataArgs;
 use crate::failure::{self, Failure};
 use crate::output;
+use crate::progress::Progress;
 use anyhow::Context;
 use clap::Args;
 use serde::Serialize;
@@ -19,7 +20,7 @@ use voxelastic_run::{PosesCheck, Source, Warning, Warnings, map_files, threads};
 /// are doubtful, as the best reading does. Of clouds whose points have times it says whether their surfaces are sharper with another reading of these.
 ///
 /// Of a map it lists what is least consistent, each with an edit that would mend it, as `voxelastic edit MAP --apply` takes it: closures that bend it, submaps that do
-/// not fit, what leans, pieces that float.
+/// not fit, what leans.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   voxelastic check hall                       what would be mapped, and whether it can be right
@@ -76,9 +77,9 @@ struct Poses {
 }
 
 /// Runs the command.
-pub fn run(args: &CheckArgs) -> anyhow::Result<u8> {
+pub fn run(args: &CheckArgs, quiet: bool) -> anyhow::Result<u8> {
     if map_files::is_map(args.data.path()) {
-        return of_map(args);
+        return of_map(args, quiet);
     }
     let mut warnings = Warnings::default();
     let options = args.data.options(false);
@@ -96,11 +97,13 @@ pub fn run(args: &CheckArgs) -> anyhow::Result<u8> {
     Ok(if summary.warnings.is_empty() { failure::DONE } else { failure::DOUBTFUL })
 }
 
-fn of_map(args: &CheckArgs) -> anyhow::Result<u8> {
-    if args.output.is_some() || args.data.names_poses().is_some() {
-        return Err(Failure::usage("a map has no scans to draw, and its poses are its own", "do without -o and flags about poses").into());
+fn of_map(args: &CheckArgs, quiet: bool) -> anyhow::Result<u8> {
+    if args.output.is_some() || args.data.says_how_to_read() {
+        return Err(Failure::usage("a map has no scans to draw, and is not read as data are", "do without -o and flags about the input").into());
     }
-    let found = threads::pool(0)?.install(|| MapCheck::of(args.data.path()))?;
+    let mut progress = Progress::new("edits tried", None, quiet);
+    let found = threads::pool(0)?.install(|| MapCheck::of(args.data.path(), &mut || progress.step(String::new)))?;
+    drop(progress);
     if args.json {
         output::print_json(&found)?;
     } else {

@@ -2,8 +2,8 @@
 //!
 //! Skipped where neither Chromium nor Chrome is installed; axe is run where there are packages for Node.js.
 
-use crate::elastic::editing::{self, broken_street, largest_error};
-use crate::elastic::editor_page::{Hand, Served, files, pair};
+use crate::elastic::edited_maps::{broken_street, largest_error, map_street, small_map};
+use crate::elastic::editor_hand::{Hand, Served, files, pair};
 use serde_json::{Value, json};
 use voxelastic_testing::Page;
 
@@ -30,7 +30,7 @@ fn suggestions_are_taken_by_keys_and_compared_with_the_saved_map() {
     let dir = tempfile::tempdir().unwrap();
     let (at, (_, truth)) = (dir.path(), broken_street(dir.path(), 0.0));
     let map = at.join("street.vox");
-    editing::map_street(at, "street.vox");
+    map_street(at, "street.vox");
     let before = files(&map);
     let served = Served::start(at, "street.vox");
     let profile = tempfile::tempdir().unwrap();
@@ -103,7 +103,7 @@ fn suggestions_are_taken_by_keys_and_compared_with_the_saved_map() {
 fn every_control_has_a_name_is_reached_by_keys_and_can_be_read() {
     let dir = tempfile::tempdir().unwrap();
     let at = dir.path();
-    editing::small_map(at, "room.vox");
+    small_map(at, "room.vox");
     let served = Served::start(at, "room.vox");
     let profile = tempfile::tempdir().unwrap();
     let Some(mut hand) = open(&served, profile.path()) else { return };
