@@ -5,7 +5,7 @@
 //! | `VOXELASTIC_DATA` | folder of the recorded data; default `../shared/data` beside the repository |
 //! | `VOXELASTIC_PYTHON` | Python interpreter with the packages that results are compared with; default `python3` |
 //! | `VOXELASTIC_NODE_MODULES` | folder `node_modules` with the packages of `.ci/npm`, for Node.js |
-//! | `VOXELASTIC_REQUIRE` | comma-separated list of `data`, `python`, `browser`, `node`: a test that would skip for want of it fails |
+//! | `VOXELASTIC_REQUIRE` | comma-separated list of `data`, `python`, `browser`, `node`, `fastdds`: a test that would skip for want of it fails |
 //! | `VOXELASTIC_SKIPS` | file that each skip appends a line to: what is missing, and the test. `.ci/run` prints their number |
 //!
 //! ```no_run

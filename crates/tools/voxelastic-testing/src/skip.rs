@@ -15,6 +15,8 @@ pub enum Need {
     Browser,
     /// Node.js and the packages of `.ci/npm` (`VOXELASTIC_NODE_MODULES`).
     Node,
+    /// Fast DDS, and what compiles programs for it.
+    FastDds,
     /// A property of the system or the user that a test cannot bring about.
     System,
 }
@@ -27,6 +29,7 @@ impl Need {
             Need::Python => "python",
             Need::Browser => "browser",
             Need::Node => "node",
+            Need::FastDds => "fastdds",
             Need::System => "system",
         }
     }
