@@ -1,5 +1,6 @@
 //! A robot on Fast DDS, the middleware of most robots with ROS 2, against the program. It is compiled here, where Fast DDS and its generator are installed.
 
+use crate::nodes::robots::run_together;
 use crate::voxelastic;
 use serde_json::Value;
 use std::path::Path;
@@ -32,14 +33,14 @@ fn a_robot_on_fast_dds_is_mapped_and_gets_the_map() {
     let domain = Domain::free();
     let number = domain.number().to_string();
     let flags = "-q live --ros2 --local --field both --every scan --voxel-size 0.1 --max-range 25 --node mapper --threads 2 -o map.vox";
-    let node = voxelastic(dir.path()).args(flags.split_whitespace()).args(["--domain", &number]).spawn().unwrap();
-    let seen = robot.arg(&number).stdin(Stdio::null()).output().unwrap();
-    rustix::process::kill_process(rustix::process::Pid::from_child(&node), rustix::process::Signal::INT).unwrap();
-    let ended = node.wait_with_output().unwrap();
-    assert!(seen.status.success() && ended.status.success(), "{seen:?} {ended:?}");
-    let seen: Value = serde_json::from_slice(&seen.stdout).unwrap();
-    println!("{seen}");
-    let count = |key: &str| seen[key].as_u64().unwrap();
-    assert_eq!((count("occupied_off"), count("free_outside")), (0, 0), "{seen}");
-    assert!(count("free") > 1000 && count("vertices_off") * 200 < count("vertices"), "{seen}");
+    let mut node = voxelastic(dir.path());
+    node.args(flags.split_whitespace()).args(["--domain", &number]);
+    robot.arg(&number).stdin(Stdio::null()).stdout(Stdio::piped());
+    let (robot, node) = run_together(robot, node, true);
+    assert!(robot.status.success() && node.status.success(), "{robot:?} {node:?}");
+    let counts: Value = serde_json::from_slice(&robot.stdout).unwrap();
+    println!("{counts}");
+    let count = |key: &str| counts[key].as_u64().unwrap();
+    assert_eq!((count("occupied_off"), count("free_outside")), (0, 0), "{counts}");
+    assert!(count("free") > 1000 && count("vertices_off") * 200 < count("vertices"), "{counts}");
 }

@@ -3,7 +3,7 @@
 use crate::voxelastic;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
 use voxelastic_testing::{Domain, PATIENCE};
 
@@ -18,23 +18,30 @@ fn with_robot(python: String, script: &str, folder: &Path, flags: &str, is_stopp
     let mut robot = Command::new(python);
     robot.arg("-B").arg(nodes.join("tests/cli/nodes").join(script)).args([number.as_str()]).arg(folder).stdin(Stdio::null());
     robot.env("PYTHONPATH", nodes.join("../voxelastic-live/tests/ros2")).env("CYCLONEDDS_URI", INTERFACE);
-    let mut robot = robot.spawn().unwrap();
     let mut node = voxelastic(folder);
     node.args(flags.split_whitespace()).args(["--domain", &number]).env("RMW_IMPLEMENTATION", "rmw_cyclonedds_cpp").stderr(Stdio::piped());
-    let node = node.spawn().unwrap();
+    let (_, output) = run_together(robot, node, is_stopped);
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    let text = std::fs::read_to_string(folder.join("seen.json")).unwrap_or_default();
+    (serde_json::from_str(&text).unwrap_or_else(|_| panic!("{text}: {said}")), said, output.status.code())
+}
+
+/// Runs a robot beside the program until it ends; then what both have said. The robot ends the program, or `is_stopped` does.
+pub fn run_together(mut robot: Command, mut node: Command, is_stopped: bool) -> (Output, Output) {
+    let (mut robot, node) = (robot.spawn().unwrap(), node.spawn().unwrap());
     let begin = Instant::now();
     while robot.try_wait().unwrap().is_none() {
-        assert!(begin.elapsed() < PATIENCE, "the robot has not got what it waits for");
+        if begin.elapsed() > PATIENCE {
+            robot.kill().unwrap();
+            panic!("the robot has not got what it waits for");
+        }
         std::thread::sleep(Duration::from_millis(50));
     }
     if is_stopped {
         let id = rustix::process::Pid::from_child(&node);
         rustix::process::kill_process(id, rustix::process::Signal::INT).unwrap();
     }
-    let output = node.wait_with_output().unwrap();
-    let said = String::from_utf8_lossy(&output.stderr).into_owned();
-    let text = std::fs::read_to_string(folder.join("seen.json")).unwrap_or_default();
-    (serde_json::from_str(&text).unwrap_or_else(|_| panic!("{text}: {said}")), said, output.status.code())
+    (robot.wait_with_output().unwrap(), node.wait_with_output().unwrap())
 }
 
 /// The costmaps that a robot would steer by, against what its lidar sees and an independent inflation of the obstacles in them.

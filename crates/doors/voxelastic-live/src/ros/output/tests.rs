@@ -80,10 +80,11 @@ fn what_is_urgent_does_not_keep_the_rest_waiting() {
         Simulation::new(SimOptions { columns: Some(256), spacing: 1.0, drift: 0.0, scans: Some(60), ..SimOptions::of("street") }).unwrap();
     let mut mapper = Mapper::new(settings).unwrap();
     // What is published by steps that publish a costmap, too.
-    let mut beside = BTreeSet::new();
-    let are_all = |beside: &BTreeSet<String>| ["/robot/surface", "/robot/grid", "/robot/octomap"].iter().all(|topic| beside.contains(*topic));
+    let mut with_costmaps = BTreeSet::new();
+    let are_all =
+        |with_costmaps: &BTreeSet<String>| ["/robot/surface", "/robot/grid", "/robot/octomap"].iter().all(|topic| with_costmaps.contains(*topic));
     for scan in simulation.scans(PoseSource::Truth) {
-        if are_all(&beside) {
+        if are_all(&with_costmaps) {
             break;
         }
         outputs.take_scan(&scan, 0.5);
@@ -98,12 +99,12 @@ fn what_is_urgent_does_not_keep_the_rest_waiting() {
             outputs.step(mapper.atlas());
             let published: Vec<String> = counted.try_iter().map(|(topic, ..)| topic).collect();
             if published.iter().any(|topic| topic == "/robot/local_costmap") {
-                beside.extend(published);
+                with_costmaps.extend(published);
                 break;
             }
         }
     }
-    assert!(are_all(&beside), "{beside:?}");
+    assert!(are_all(&with_costmaps), "{with_costmaps:?}");
 }
 
 impl Sink for Collected {

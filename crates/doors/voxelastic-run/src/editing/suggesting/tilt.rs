@@ -56,18 +56,8 @@ pub fn tilted(surfaces: &[(SubmapId, Mesh)], poses: &[(SubmapId, Pose)], origin:
         let edit = Edit::Pin { target: Target::Submap(id), pin: Pin { up: Some(Up::Direction(direction)), ..Pin::default() } };
         let at = pose_of(id).map_or([0.0; 3], |pose| pose.translation.vector.into());
         let text = format!("{what} {:.1} degrees from plumb, by the walls", angle.to_degrees());
-        (
-            angle,
-            Suggestion {
-                code: "tilt",
-                text,
-                at: origin.point_to_map(at),
-                submaps,
-                scans: Vec::new(),
-                places_agree: None,
-                edit: edit.to_text().trim().to_owned(),
-            },
-        )
+        let (at, edit) = (origin.point_to_map(at), edit.to_text().trim().to_owned());
+        (angle, Suggestion { code: "tilt", text, at, submaps, scans: Vec::new(), places_agree: None, edit })
     };
     let of_map = up(surfaces.iter().map(|(_, mesh)| mesh));
     if let (Some(up), Some((first, _))) = (of_map.filter(|up| up.angle(&Vector3::z()) >= LEAST_OF_MAP), poses.first()) {

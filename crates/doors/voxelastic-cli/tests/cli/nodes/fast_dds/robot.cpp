@@ -98,7 +98,7 @@ PointCloud2_ cloud(double now, double x, double y, double yaw) {
 }
 
 // How far a place inside or outside of the room is from what bounds the first dimensions of it.
-double off(const double *place, int dimensions) {
+double distance_to_walls(const double *place, int dimensions) {
     double inside = 1e9, outside = 0;
     for (int n = 0; n < dimensions; n++) {
         double depth = std::min(place[n] - LOW[n], HIGH[n] - place[n]);
@@ -158,7 +158,7 @@ int main(int, char **arguments) {
                 bool is_outside = std::abs(place[0]) > HIGH[0] || std::abs(place[1]) > HIGH[1];
                 int8_t value = static_cast<int8_t>(grid.data()[k]);
                 occupied += value == 100;
-                occupied_off += value == 100 && off(place, 2) > 2 * edge;
+                occupied_off += value == 100 && distance_to_walls(place, 2) > 2 * edge;
                 free_cells += value == 0;
                 free_outside += value == 0 && is_outside;
             }
@@ -169,7 +169,7 @@ int main(int, char **arguments) {
                 std::memcpy(p, surface.data().data() + k * surface.point_step(), sizeof p);
                 double place[3] = {p[0], p[1], p[2]};
                 vertices++;
-                vertices_off += off(place, 3) > 0.05;
+                vertices_off += distance_to_walls(place, 3) > 0.05;
             }
         });
         std::this_thread::sleep_until(begin + std::chrono::milliseconds(20 * (step + 1)));
