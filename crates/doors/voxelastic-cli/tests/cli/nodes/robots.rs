@@ -20,24 +20,28 @@ fn with_robot(python: String, script: &str, folder: &Path, flags: &str, is_stopp
     robot.env("PYTHONPATH", nodes.join("../voxelastic-live/tests/ros2")).env("CYCLONEDDS_URI", INTERFACE);
     let mut node = voxelastic(folder);
     node.args(flags.split_whitespace()).args(["--domain", &number]).env("RMW_IMPLEMENTATION", "rmw_cyclonedds_cpp").stderr(Stdio::piped());
-    let (_, output) = run_together(robot, node, is_stopped);
+    let (robot, output) = run_together(robot, node, is_stopped);
     let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(robot.status.success(), "the robot failed ({}), see what it said; the program: {said}", robot.status);
     let text = std::fs::read_to_string(folder.join("seen.json")).unwrap_or_default();
     (serde_json::from_str(&text).unwrap_or_else(|_| panic!("{text}: {said}")), said, output.status.code())
 }
 
-/// Runs a robot beside the program until it ends; then what both have said. The robot ends the program, or `is_stopped` does.
+/// Runs a robot beside the program until it ends; then what both have said. The robot ends the program, or `is_stopped` does; one that fails has not ended it.
 pub fn run_together(mut robot: Command, mut node: Command, is_stopped: bool) -> (Output, Output) {
     let (mut robot, node) = (robot.spawn().unwrap(), node.spawn().unwrap());
     let begin = Instant::now();
-    while robot.try_wait().unwrap().is_none() {
+    let status = loop {
+        if let Some(status) = robot.try_wait().unwrap() {
+            break status;
+        }
         if begin.elapsed() > PATIENCE {
             robot.kill().unwrap();
             panic!("the robot has not got what it waits for");
         }
         std::thread::sleep(Duration::from_millis(50));
-    }
-    if is_stopped {
+    };
+    if is_stopped || !status.success() {
         let id = rustix::process::Pid::from_child(&node);
         rustix::process::kill_process(id, rustix::process::Signal::INT).unwrap();
     }
