@@ -14,11 +14,11 @@ const AGAIN: Duration = Duration::from_secs(1);
 const AGAIN_NEAR: Duration = Duration::from_millis(50);
 /// What an order may take. A scan's change waits for the end of the order before it, and for its own.
 const ORDER: Duration = Duration::from_millis(25);
-/// Tiles of an order: with fewer, more of the time goes into what is around them; many are for a map that is there already.
-const TILES: [f64; 2] = [8.0, 256.0];
+/// Tiles of an order: few while scans come, as each waits for the order before it; many are for a map that is there already.
+const TILES: [f64; 2] = [2.0, 256.0];
 
 /// Tiles of the order that follows a scan: those around the robot by themselves, so that what the scan has changed there is sent before all else.
-const NEAREST: usize = 4;
+const NEAREST: usize = 2;
 
 /// The tiles of the one surface that changed since viewers were told about them, and the thread that makes them. `T` is what is made of a tile.
 #[derive(Debug)]
