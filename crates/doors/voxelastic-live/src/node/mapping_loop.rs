@@ -5,6 +5,7 @@ use super::figures::{OverloadWarning, figures};
 use super::health::Condition;
 use super::listeners::{Listeners, OnNetwork};
 use super::loading::Loaded;
+use super::managed_state;
 use super::positions::Positions;
 use super::service::{Service, find_path};
 use super::tally::Tally;
@@ -50,10 +51,10 @@ pub struct Requests {
 }
 
 impl Node {
-    /// A node. `positions` are those of a recording.
-    pub fn new(positions: Option<Positions>, listeners: Listeners, is_managed: bool) -> Self {
-        let state = is_managed.then_some(State::Unconfigured);
-        Self { listeners, positions, is_paused: is_managed, state, last_step: Instant::now(), tally: Tally::default() }
+    /// A node. `positions` are those of a recording, `state` that of a managed node.
+    pub fn new(positions: Option<Positions>, listeners: Listeners, state: Option<State>) -> Self {
+        let is_paused = state.is_some_and(|state| state != State::Active);
+        Self { listeners, positions, is_paused, state, last_step: Instant::now(), tally: Tally::default() }
     }
 
     /// Maps what comes until the feed ends, and says so after each scan. Once it `is_stopped`, the feed stops; what had come is mapped.
@@ -206,15 +207,15 @@ impl Node {
 
     /// Leads a managed node to another state.
     fn change_state(&mut self, id: u8, label: &str, run: &mut MappingRun, requests: &mut Requests) -> Result<String, String> {
-        let now = self.state.ok_or("this is no managed node: start it with --lifecycle")?;
-        let transition = now.transition(id, label).ok_or_else(|| format!("no transition {id} {label:?} begins where the node is {}", now.label()))?;
-        if transition.cleans_up() {
-            self.reset(run, requests).map_err(|problem| problem.one_line())?;
-        }
-        self.state = Some(transition.to);
-        self.is_paused = transition.to != State::Active;
-        tracing::info!("on request: the node is {}", transition.to.label());
-        Ok(transition.to.label().to_owned())
+        let now = self.state;
+        let state = managed_state::change(now, id, label, |transition| {
+            if transition.cleans_up() {
+                self.reset(run, requests).map_err(|problem| problem.one_line())?;
+            }
+            Ok(())
+        })?;
+        (self.state, self.is_paused) = (Some(state), state != State::Active);
+        Ok(state.label().to_owned())
     }
 
     /// A path between two places in frames of the robot; none, and a warning, if a frame is not known.

@@ -6,6 +6,7 @@ mod figures;
 mod health;
 mod listeners;
 mod loading;
+mod managed_state;
 mod mapping_loop;
 mod network;
 mod offers;
@@ -24,11 +25,13 @@ pub use watch::{Figures, ViewerSetup, Watch};
 
 use crate::feed::Feed;
 use crate::planner::PlannerSettings;
+use crate::ros::lifecycle::State;
 use crate::ros::services::RequestSender;
 use crate::viewer::Control;
 use exploring::Exploring;
 use health::Rates;
 use listeners::{Listeners, OnNetwork};
+use managed_state::Waiting;
 use mapping_loop::{Node, Requests};
 use network::Network;
 use offers::{InputRecording, Offers};
@@ -99,9 +102,17 @@ pub fn play(setup: &Setup, from: ScansFrom, progress: &mut dyn FnMut(&Mapping)) 
     let requests = RequestSender::new(sender);
     // A robot may publish nothing for long: meanwhile it can be asked how the node is. What is wrong with a recording is said before where the page is.
     let early = if is_robot { setup.watch(&requests)? } else { None };
+    let managed = setup.network.as_ref().is_some_and(|network| network.lifecycle).then_some(network.as_mut()).flatten();
+    let lifecycle = managed.map(|network| network.offer_states(&requests)).transpose()?;
+    let waiting = Waiting::new(&pending, lifecycle.is_some());
+    let is_over = || {
+        waiting.answer();
+        is_stopped() || waiting.state() == Some(State::Finalized)
+    };
     let joined = network.as_mut().zip(setup.network.as_ref());
     let mut warnings = Warnings::default();
-    let opened = Source::open(from, &setup.reading, joined, recording.as_ref(), pool.current_num_threads(), is_stopped, &mut warnings)?;
+    let opened = Source::open(from, &setup.reading, joined, recording.as_ref(), pool.current_num_threads(), &is_over, &mut warnings)?;
+    let state = waiting.state();
     let Some(mut source) = opened else { return Ok(setup.nothing_came("interrupted before the topics were there")) };
     let comes = source.comes();
     let mut unfinished = None;
@@ -149,7 +160,7 @@ pub fn play(setup: &Setup, from: ScansFrom, progress: &mut dyn FnMut(&Mapping)) 
     if run.scans_resumed() > 0 {
         listeners.show_before(run.mapping());
     }
-    let node = Node::new(source.positions(), listeners, setup.network.as_ref().is_some_and(|network| network.lifecycle && network.backend.is_some()));
+    let node = Node::new(source.positions(), listeners, state);
     let (tally, watch) = node.run(&feed, &mut run, Requests { pending, service: Service::default() }, is_stopped, progress);
     if tally.not_located > 0 {
         tracing::warn!("{} scans are not in the map: where they belong in what was mapped before was not found until the end", tally.not_located);

@@ -1,9 +1,11 @@
 //! The network of ROS 2 that a node joins.
 
 use crate::link::Link;
-use crate::ros::middleware::{Middleware, MiddlewareError, NodeOptions, Parameter};
+use crate::ros::managed;
+use crate::ros::middleware::{Handle, Middleware, MiddlewareError, NodeOptions, Parameter};
 use crate::ros::names::Names;
 use crate::ros::output::GridSettings;
+use crate::ros::services::RequestSender;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -97,6 +99,12 @@ impl Network {
     /// Transforms are published, and heard, on another topic.
     pub fn set_transforms(&mut self, topic: &str) {
         self.names = self.names.clone().with("/tf", topic);
+    }
+
+    /// Offers the services of a managed node, which are there as long as what it returns.
+    pub fn offer_states(&mut self, requests: &RequestSender) -> Result<Vec<Handle>> {
+        let offered = managed::offer(self.middleware.as_mut(), &self.names, requests);
+        offered.map_err(|problem| Error::new(problem.to_string(), "another name of the node may help: --node"))
     }
 
     /// What messages travel by.

@@ -2,7 +2,6 @@
 
 use super::network::{Network, NetworkSetup};
 use crate::ros::initial_pose;
-use crate::ros::managed;
 use crate::ros::middleware::{Handle, MiddlewareError};
 #[cfg(feature = "foxglove")]
 use crate::ros::middleware::{Sink, TopicProfile};
@@ -35,7 +34,7 @@ impl Offers {
             OutputOptions { explores, transforms: setup.transforms, grid: setup.grid, link: setup.link.clone(), ..OutputOptions::default() };
         let mut offers = Self { outputs: Outputs::new(options), held: Vec::new() };
         if let Some(network) = network {
-            let announced = offers.add_network(network, setup.lifecycle, requests);
+            let announced = offers.add_network(network, requests);
             announced.map_err(|problem| Error::new(problem.to_string(), "another name of the node may help: --node"))?;
         }
         if let Some(address) = setup.foxglove {
@@ -50,14 +49,11 @@ impl Offers {
         Ok(Some(offers))
     }
 
-    fn add_network(&mut self, network: &mut Network, is_managed: bool, requests: &RequestSender) -> Result<(), MiddlewareError> {
+    fn add_network(&mut self, network: &mut Network, requests: &RequestSender) -> Result<(), MiddlewareError> {
         let names = network.names().clone();
         self.outputs.add(network.middleware(), &names)?;
         self.held.extend(offer(network.middleware(), &names, requests)?);
         self.held.push(initial_pose::listen(network.middleware(), &names, requests)?);
-        if is_managed {
-            self.held.extend(managed::offer(network.middleware(), &names, requests)?);
-        }
         Ok(())
     }
 

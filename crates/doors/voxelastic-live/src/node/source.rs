@@ -101,7 +101,7 @@ impl Source {
         network: Option<(&mut Network, &NetworkSetup)>,
         recording: Option<&InputRecording>,
         threads: usize,
-        is_stopped: fn() -> bool,
+        is_stopped: &dyn Fn() -> bool,
         warnings: &mut Warnings,
     ) -> Result<Option<Self>> {
         match (from, network) {
@@ -126,10 +126,10 @@ impl Source {
         slam: bool,
         recording: Option<&InputRecording>,
         threads: usize,
-        is_stopped: fn() -> bool,
+        is_stopped: &dyn Fn() -> bool,
     ) -> Result<Option<Self>> {
         let names = network.names().clone();
-        let found = discover(network.middleware(), &names, options, slam, &is_stopped)?;
+        let found = discover(network.middleware(), &names, options, slam, is_stopped)?;
         let Some((topics, is_raw)) = found else { return Ok(None) };
         if let (true, [_, second, ..]) = (is_raw, topics.clouds()) {
             let problem = format!("poses can be estimated from one topic of clouds, not from {second} besides");
