@@ -1,4 +1,4 @@
-"""The hashes of types (REP 2016) by rosbags: the definition of voxelastic_msgs/srv/GetDistances, then names."""
+"""The hashes of types (REP 2016) by rosbags. As a program: the definition of voxelastic_msgs/srv/GetDistances, then names."""
 import sys
 
 from rosbags.interfaces import Nodetype
@@ -21,7 +21,6 @@ SERVICES = {
     "nav_msgs/srv/GetPlan": "geometry_msgs/PoseStamped start\ngeometry_msgs/PoseStamped goal\nfloat32 tolerance\n---\nnav_msgs/Path plan\n",
     "nav_msgs/srv/GetMap": "\n---\nnav_msgs/OccupancyGrid map\n",
     "nav_msgs/srv/LoadMap": "string map_url\n---\nnav_msgs/OccupancyGrid map\nuint8 result\n",
-    "voxelastic_msgs/srv/GetDistances": sys.argv[1],
     "lifecycle_msgs/srv/GetState": "\n---\nlifecycle_msgs/State current_state\n",
     "lifecycle_msgs/srv/ChangeState": "lifecycle_msgs/Transition transition\n---\nbool success\n",
     "lifecycle_msgs/srv/GetAvailableStates": "\n---\nlifecycle_msgs/State[] available_states\n",
@@ -46,5 +45,11 @@ def of_service(name):
     return store.hash_rihs01(name)
 
 
-for name in sys.argv[2:]:
-    print(of_service(name) if "/srv/" in name else store.hash_rihs01(name))
+def hash_of(name):
+    return of_service(name) if "/srv/" in name else store.hash_rihs01(name)
+
+
+if __name__ == "__main__":
+    SERVICES["voxelastic_msgs/srv/GetDistances"] = sys.argv[1]
+    for name in sys.argv[2:]:
+        print(hash_of(name))

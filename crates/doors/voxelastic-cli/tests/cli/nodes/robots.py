@@ -1,5 +1,5 @@
-"""A robot on Cyclone DDS, `robots.py DOMAIN FOLDER`: in the namespace robot1 it drives in circles through a room (x -4..8, y -3..5, z -0.6..2.4) with odometry that drifts, and asks
-the node /robot1/mapper. What it saw is in FOLDER/seen.json then."""
+"""A robot on Cyclone DDS or Zenoh, `robots.py PLACE FOLDER`, PLACE as networks.py says: in the namespace robot1 it drives in circles through a room (x -4..8, y -3..5, z -0.6..2.4) with odometry
+that drifts, and asks the node /robot1/mapper. What it saw is in FOLDER/seen.json then."""
 import json
 import math
 import shutil
@@ -10,24 +10,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy
-from cyclonedds.core import Policy, Qos
-from cyclonedds.domain import DomainParticipant
 from cyclonedds.idl import IdlStruct
 from cyclonedds.idl.types import float32, int64, sequence, uint8, uint64
-from cyclonedds.pub import DataWriter
-from cyclonedds.sub import DataReader
-from cyclonedds.topic import Topic
-from cyclonedds.util import duration
 
 import dds_types as t
 import lidar
+import networks
+import old_walls
 
 SPACE = "robot1"
-RELIABLE = Policy.Reliability.Reliable(duration(seconds=1))
-LATCHED = Qos(RELIABLE, Policy.Durability.TransientLocal, Policy.History.KeepLast(1))
-USUAL = Qos(RELIABLE, Policy.Durability.Volatile, Policy.History.KeepLast(200))
-SENSOR = Qos(Policy.Reliability.BestEffort, Policy.Durability.Volatile, Policy.History.KeepLast(5))
-PATIENCE = 120.0
 
 
 @dataclass
@@ -130,9 +121,8 @@ class TriggerResponse(IdlStruct, **t.service("std_srvs", "Trigger_Response")):
     message: str
 
 
-participant, folder = DomainParticipant(int(sys.argv[1])), Path(sys.argv[2])
-writer = lambda name, kind, qos: DataWriter(participant, Topic(participant, f"rt/{name}", kind), qos=qos)
-reader = lambda name, kind, qos: DataReader(participant, Topic(participant, f"rt/{name}", kind), qos=qos)
+network, folder = networks.join(sys.argv[1]), Path(sys.argv[2])
+call = lambda name, *arguments: network.call(f"{SPACE}/mapper/{name}", *arguments)
 stamp = lambda s: t.Time(int(s), int(s % 1 * 1e9))
 header = lambda s, frame: t.Header(stamp(s), frame)
 turn = lambda yaw: t.Quaternion(0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2))
@@ -151,8 +141,8 @@ class Robot(threading.Thread):
         self.drift, self.drifts, self.poses, self.now = 0.0, True, [], (0.0, 0.0, 0.0)
 
     def run(self):
-        points, odometry = writer(f"{SPACE}/points", t.PointCloud2, SENSOR), writer(f"{SPACE}/odom", t.Odometry, USUAL)
-        transforms, fixed = writer(f"{SPACE}/tf", t.TFMessage, USUAL), writer(f"{SPACE}/tf_static", t.TFMessage, LATCHED)
+        points, odometry = network.writer(f"{SPACE}/points", t.PointCloud2, "sensor"), network.writer(f"{SPACE}/odom", t.Odometry)
+        transforms, fixed = network.writer(f"{SPACE}/tf", t.TFMessage), network.writer(f"{SPACE}/tf_static", t.TFMessage, "latched")
         fixed.write(t.TFMessage([link(0, "base_link", "imu_link", place(0.0, 0.0, 0.0))]))
         fields, zero = [t.PointField(name, 4 * k, 7, 1) for k, name in enumerate("xyz")], t.Vector(0.0, 0.0, 0.0)
         is_mounted, begin, k = False, time.time(), 0
@@ -181,41 +171,17 @@ class Robot(threading.Thread):
             time.sleep(max(0.0, begin + 0.04 * k - time.time()))
 
 
-number = 0
-
-
-def call(name, request, response, *arguments):
-    """As rmw_cyclonedds does; asked again until it is heard."""
-    global number
-    asks = DataWriter(participant, Topic(participant, f"rq/{SPACE}/mapper/{name}Request", request), qos=USUAL)
-    answers = DataReader(participant, Topic(participant, f"rr/{SPACE}/mapper/{name}Reply", response), qos=USUAL)
-    until = time.monotonic() + PATIENCE
-    while time.monotonic() < until:
-        matched = time.monotonic() + 5.0
-        while not (asks.get_matched_subscriptions() and answers.get_matched_publications()) and time.monotonic() < matched:
-            time.sleep(0.02)
-        number += 1
-        asks.write(request(77, number, *arguments))
-        wait = time.monotonic() + 10.0
-        while time.monotonic() < wait:
-            for answer in answers.take(N=10):
-                if (answer.client, answer.number) == (77, number):
-                    return answer
-            time.sleep(0.01)
-    raise SystemExit(f"no answer of {name}")
-
-
 class KeptGrid:
     """A grid that is kept up from what changes in it, as Nav2's static layer does."""
 
     def __init__(self):
-        self.readers = [reader("map", t.OccupancyGrid, LATCHED), reader("map_updates", t.OccupancyGridUpdate, USUAL)]
+        self.readers = [network.reader("map", t.OccupancyGrid, "latched"), network.reader("map_updates", t.OccupancyGridUpdate)]
         self.info, self.cells, self.frame, self.wholes, self.parts = None, None, None, 0, 0
 
     def take(self):
         """Whether something has come."""
-        messages = [message for topic in self.readers for message in topic.take(N=100) if hasattr(message, "header")]
-        for message in sorted(messages, key=lambda message: message.sample_info.source_timestamp):
+        messages = [sent for topic in self.readers for sent in topic.take()]
+        for _, message in sorted(messages, key=lambda sent: sent[0]):
             if isinstance(message, t.OccupancyGrid):
                 self.info, self.frame, self.wholes = message.info, message.header.frame_id, self.wholes + 1
                 self.cells = numpy.array(message.data, numpy.int8).reshape(message.info.height, message.info.width)
@@ -232,59 +198,58 @@ class KeptGrid:
         return place(self.info) == place(other.info) and self.cells.tobytes() == numpy.array(other.data, numpy.int8).tobytes()
 
 
-diagnostics, grid = reader("diagnostics", t.Diagnostics, USUAL), KeptGrid()
-paths = reader(f"{SPACE}/mapper/path", t.Path, LATCHED)
+diagnostics, grid = network.reader("diagnostics", t.Diagnostics), KeptGrid()
+paths, tiles = network.reader(f"{SPACE}/mapper/path", t.Path, "latched"), network.reader(f"{SPACE}/mapper/surface", t.MarkerArray)
 taken = []
 
 
 def look():
-    for message in diagnostics.take(N=50):
+    for _, message in diagnostics.take():
         taken.extend(status for status in message.status if status.name == f"{SPACE}/mapper")
 
 
 def wait_for(what, find):
     """What it finds, once it does."""
-    until = time.monotonic() + PATIENCE
+    until = time.monotonic() + networks.PATIENCE
     while time.monotonic() < until:
         look()
         found = find()
         if found:
             return found
         time.sleep(0.05)
-    raise SystemExit(f"no {what}; the last of the node: {taken[-1:]}")
+    raise SystemExit(f"no {what() if callable(what) else what}; the last of the node: {taken[-1:]}")
 
 
 def said(words, since):
     return next((status for status in taken[since:] if words in status.message), None)
 
 
-def old_walls():
+def in_grid():
     """Occupied cells well inside the room, of the grid as it is; none if nothing came."""
     if not grid.take() or grid.cells is None:
         return None
-    info, (rows, columns) = grid.info, numpy.nonzero(grid.cells == 100)
-    x = info.origin.position.x + (columns + 0.5) * info.resolution
-    y = info.origin.position.y + (rows + 0.5) * info.resolution
     seen["grid_frame"] = grid.frame
-    return int(((x > -3.6) & (x < 7.6) & (y > -2.6) & (y < 4.6)).sum())
+    return old_walls.of_cells(grid.cells, grid.info)
 
 
 seen, robot = {}, Robot()
-robot.start()
 state = lambda: (lambda answer: [answer.state.id, answer.state.label])(call("get_state", GetStateRequest, GetStateResponse, 0))
 change = lambda id, label="": call("change_state", ChangeStateRequest, ChangeStateResponse, Transition(id, label)).success
-seen["states"] = [state(), change(1), change(3), change(3), state()]
+# Before there is a robot: lifecycle managers start their nodes in any order.
+seen["states"] = [state(), change(1)]
+robot.start()
+seen["states"] += [change(3), change(3), state()]
 waits = wait_for("words about the mount", lambda: said("scans wait", 0))
 time.sleep(7)
 look()
 seen["without_mount"] = taken[-1].message
 seen["scans_without_mount"] = next(pair.value for pair in taken[-1].values if pair.key == "scans")
 robot.is_mounted, began = True, time.monotonic()
-first = wait_for("path", lambda: paths.take(N=10))[-1].poses
+first = wait_for("path", paths.take)[-1][1].poses
 seen["first_scan_s"] = round(time.monotonic() - began, 2)
 position = first[0].pose.position
 seen["first_lidar"] = [position.x, position.y, position.z]
-before = wait_for("grid with old walls", lambda: (lambda count: count if count and count > 50 and robot.drift > 0.9 else None)(old_walls()))
+before = wait_for("grid with old walls", lambda: (lambda count: count if count and count > 50 and robot.drift > 0.9 else None)(in_grid()))
 robot.drifts = False
 stamped = lambda frame, x, y, z: t.PoseStamped(t.Header(t.Time(0, 0), frame), place(x, y, z))
 nowhere, plan = t.Vector(math.nan, math.nan, math.nan), None
@@ -303,13 +268,40 @@ asked = call("map", GetMapRequest, GetMapResponse, 0).map
 seen["get_map"] = [asked.header.frame_id, asked.info.width * asked.info.height == len(asked.data), list(asked.data).count(100) > 50]
 nonsense = call("plan", GetPlanRequest, GetPlanResponse, stamped("base_link", 0.0, 0.0, 0.6), stamped("nonsense", 4.0, 2.0, 0.6), 0.1)
 seen["plan_from_nonsense"] = len(nonsense.plan.poses)
-old_walls()
-corrected, began = writer(f"{SPACE}/corrected", t.Path, USUAL), time.monotonic()
-wait_for("subscriber", lambda: corrected.get_matched_subscriptions())
-began = time.monotonic()
+in_grid()
+corrected, surface = network.writer(f"{SPACE}/corrected", t.Path), old_walls.Surface()
+last_of = lambda topic, count: lambda: (lambda came: count(came[-1][1]) if came else None)(topic.take())
+costmap, octomap = network.reader(f"{SPACE}/mapper/local_costmap", t.OccupancyGrid, "latched"), network.reader(f"{SPACE}/mapper/octomap", t.Octomap, "latched")
+looks = {
+    "grid": in_grid,
+    "local_costmap": last_of(costmap, old_walls.of_grid),
+    "octomap": last_of(octomap, old_walls.of_octomap),
+    "surface": lambda: (lambda came: surface.take([message for _, message in came]) if came else None)(tiles.take()),
+}
+walls, gone = {"grid": before}, {}
+
+
+def walls_of_all():
+    walls.update({name: count for name, find in looks.items() if (count := find()) is not None})
+    return len(walls) == len(looks) and min(walls.values()) > 0
+
+
+wait_for(lambda: f"old walls in all topics but in {walls}", walls_of_all)
+wait_for("subscriber", corrected.is_heard)
+before, began = dict(walls), time.monotonic()
 corrected.write(t.Path(header(time.time(), "odom"), list(robot.poses)))
-after = wait_for("grid without old walls", lambda: (lambda count: "none" if count == 0 else None)(old_walls()))
-seen["old_walls"] = {"before": before, "after": 0 if after == "none" else 1, "seconds": round(time.monotonic() - began, 2)}
+
+
+def are_gone():
+    """What a topic shows first of what is right counts: it is not asked whether it stays so."""
+    for name in looks.keys() - gone.keys():
+        if looks[name]() == 0:
+            gone[name] = round(time.monotonic() - began, 2)
+    return len(gone) == len(looks)
+
+
+wait_for(lambda: f"map without old walls but in {gone}", are_gone)
+seen["old_walls"] = {"before": before, "gone_s": gone}
 robot.has_rival, since = True, len(taken)
 seen["rival"] = wait_for("words about a rival", lambda: said("somebody else", since)).message
 robot.has_rival, robot.is_silent, since = False, True, len(taken)
@@ -327,14 +319,14 @@ late = KeptGrid()
 wait_for("grid for somebody who comes", lambda: late.take() and late.cells is not None and late.is_of(whole))
 seen["grid_messages"] = [grid.wholes, grid.parts, late.wholes]
 # Where the robot says that it is, in a map that it goes on in.
-initial, spread = writer(f"{SPACE}/initialpose", t.PoseWithCovarianceStamped, USUAL), [0.25 if k in (0, 7) else 0.0 for k in range(36)]
-wait_for("subscriber of initial poses", lambda: initial.get_matched_subscriptions())
+initial, spread = network.writer(f"{SPACE}/initialpose", t.PoseWithCovarianceStamped), [0.25 if k in (0, 7) else 0.0 for k in range(36)]
+wait_for("subscriber of initial poses", initial.is_heard)
 
 
 def say(frame):
     x, y, yaw = robot.now
     initial.write(t.PoseWithCovarianceStamped(t.Header(t.Time(0, 0), frame), t.PoseWithCovariance(place(x - robot.drift, y, 0.0, yaw), spread)))
-    initial.wait_for_acks(duration(seconds=PATIENCE))
+    initial.wait()
 
 
 say("map")
@@ -345,7 +337,7 @@ loaded = call("load", LoadMapRequest, LoadMapResponse, str(folder / "before.vox"
 seen["loaded"] = [saved, loaded.result, list(loaded.map.data).count(100) > 50]
 wait_for("grid of the map that was loaded", lambda: grid.is_of(loaded.map))
 time.sleep(1.5)
-before = len(wait_for("path of the map that was loaded", lambda: [path.poses for path in paths.take(N=10) if path.poses])[-1])
+before = len(wait_for("path of the map that was loaded", lambda: [path.poses for _, path in paths.take() if path.poses])[-1])
 say("nonsense")
 say("map")
 time.sleep(1)
@@ -358,7 +350,7 @@ def last():
     if time.monotonic() > told + 1.0:
         say("map")
         told = time.monotonic()
-    return next((path.poses for path in reversed(paths.take(N=10)) if len(path.poses) > before), None)
+    return next((path.poses for _, path in reversed(paths.take()) if len(path.poses) > before), None)
 
 
 at = wait_for("scan in the map that was loaded", last)[-1].pose.position
