@@ -17,6 +17,8 @@ const BEYOND: f64 = 1.5;
 const STRIDE: f64 = 0.125;
 /// What is cut off by steps is floor if it is at least this large, square metres: else it is a box, or a step of a staircase.
 const LEAST_FLOOR: f64 = 1.0;
+/// Voxels are of the floor between two places if their upper end is no farther above it, or below, than this, metres: far from the sensor they are eight times as large.
+const VOXELS_OF_FLOOR: [f32; 2] = [0.1, 0.45];
 /// How fast a height that was filled in becomes uncertain, metres per metre.
 const DRIFT: f32 = 0.05;
 
@@ -25,7 +27,8 @@ pub(crate) fn floor(cells: &Cells, levels: &Levels, of_cell: &[Option<u32>], bod
     let seen = |level: &Option<u32>| match level {
         Some(k) => {
             let level = &levels.all()[*k as usize];
-            FloorCell { height: level.height, sigma: level.sigma, top: level.top, headroom: level.headroom, known: Known::Seen, ..FloorCell::NONE }
+            let known = if level.has_surface { Known::Seen } else { Known::No };
+            FloorCell { height: level.height, sigma: level.sigma, top: level.top, headroom: level.headroom, known, ..FloorCell::NONE }
         }
         None => FloorCell::NONE,
     };
@@ -34,6 +37,7 @@ pub(crate) fn floor(cells: &Cells, levels: &Levels, of_cell: &[Option<u32>], bod
     remove_boxes(cells, &mut floor, body);
     fill_between(cells, &mut floor);
     fill_beyond(cells, &mut floor);
+    floor.iter_mut().filter(|cell| cell.known == Known::No).for_each(|cell| *cell = FloorCell::NONE);
     floor
 }
 
@@ -88,7 +92,7 @@ fn remove_boxes(cells: &Cells, floor: &mut [FloorCell], body: &Body) {
     }
 }
 
-/// Fills cells between two cells on opposite sides.
+/// Fills cells between two cells on opposite sides. Where there are voxels at that height, though no surface, the floor was seen.
 fn fill_between(cells: &Cells, floor: &mut [FloorCell]) {
     let reach = cells.reach(FILLED_GAP);
     let seen = |cell: usize, by: [i32; 2]| {
@@ -108,7 +112,11 @@ fn fill_between(cells: &Cells, floor: &mut [FloorCell]) {
         let height = one.height + share * (other.height - one.height);
         let distance = a.min(b) as f32 * cells.edge as f32;
         let sigma = one.sigma.max(other.sigma).hypot(DRIFT * distance);
-        Some(FloorCell { height, sigma, top: height, known: Known::Between, ..FloorCell::NONE })
+        let has_voxels = (-VOXELS_OF_FLOOR[0]..=VOXELS_OF_FLOOR[1]).contains(&(floor[cell].top - height));
+        Some(match has_voxels {
+            true => FloorCell { height, sigma, known: Known::Seen, ..floor[cell] },
+            false => FloorCell { height, sigma, top: height, known: Known::Between, ..FloorCell::NONE },
+        })
     };
     let filled: Vec<Option<FloorCell>> = (0..floor.len()).map(fill).collect();
     floor.iter_mut().zip(filled).for_each(|(cell, filled)| *cell = filled.unwrap_or(*cell));

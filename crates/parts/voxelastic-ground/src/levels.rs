@@ -2,7 +2,7 @@
 
 use crate::columns::Columns;
 use rayon::prelude::*;
-use voxelastic::query::DistanceQuery;
+use voxelastic::query::{DistanceQuery, SurfaceDistance};
 
 /// Free space above a level begins no higher than this above what carries it, metres: in between nothing is known, as beams that meet a floor at a flat angle are far apart.
 pub(crate) const GAP: f64 = 0.4;
@@ -28,6 +28,8 @@ pub struct Level {
     pub top: f32,
     /// From there to what is occupied above, metres; infinite if nothing is.
     pub headroom: f32,
+    /// Whether the distance field has its surface; in maps without one, of all levels. Voxels that were seen from afar carry levels beyond the edge of a platform, too.
+    pub has_surface: bool,
 }
 
 /// The levels of all columns.
@@ -63,7 +65,7 @@ impl Levels {
         for cell in heights {
             for (k, &height) in cell.iter().enumerate() {
                 let headroom = cell.get(k + 1).map_or(f32::INFINITY, |above| above - height - 0.2);
-                made.levels.push(Level { height, sigma: 0.01, top: height, headroom });
+                made.levels.push(Level { height, sigma: 0.01, top: height, headroom, has_surface: true });
             }
             made.starts.push(made.levels.len() as u32);
         }
@@ -93,6 +95,7 @@ impl Levels {
     /// Takes heights from where the distance field changes its sign, the highest place around the top of the voxels.
     pub(crate) fn refine(parts: &mut [(&Columns, &mut Self)], surfaces: &DistanceQuery<'_>) {
         if surfaces.is_empty() {
+            parts.iter_mut().flat_map(|(_, levels)| &mut levels.levels).for_each(|level| level.has_surface = true);
             return;
         }
         let samples = ((ABOVE + BELOW) / STEP) as usize + 1;
@@ -100,8 +103,8 @@ impl Levels {
         // Some at a time, so that the points of a large map do not fill the memory.
         for some in all.chunks_mut(1 << 18) {
             let points: Vec<[f32; 3]> = some.iter().flat_map(|level| (0..samples).map(|i| level.sample(i))).collect();
-            let distances = surfaces.sample_distances(&points);
-            some.par_iter_mut().zip(distances.par_chunks(samples)).for_each(|(level, distances)| level.refine(distances));
+            let found = surfaces.sample_many(&points);
+            some.par_iter_mut().zip(found.par_chunks(samples)).for_each(|(level, found)| level.refine(found));
         }
     }
 
@@ -133,15 +136,18 @@ impl Carried<'_> {
         [x, y, f64::from(self.level.top) + (ABOVE - STEP * i as f64) * self.voxel].map(|c| c as f32)
     }
 
-    fn refine(&mut self, distances: &[f32]) {
-        let crossing = distances.windows(2).position(|pair| pair[0] > 0.0 && pair[1] <= 0.0);
-        let Some(i) = crossing else { return };
-        let [above, below] = [distances[i], distances[i + 1]];
+    fn refine(&mut self, found: &[Option<SurfaceDistance>]) {
+        let distances = |pair: &[Option<SurfaceDistance>]| Some([pair[0]?.distance, pair[1]?.distance]);
+        let crossing =
+            found.windows(2).enumerate().find_map(|(i, pair)| Some((i, distances(pair).filter(|[above, below]| *above > 0.0 && *below <= 0.0)?)));
+        let Some((i, [above, below])) = crossing else { return };
         let at = i as f64 + f64::from(above / (above - below));
         let height = f64::from(self.level.top) + (ABOVE - STEP * at) * self.voxel;
         if height >= self.lowest - ABOVE * self.voxel {
             self.level.height = height as f32;
             self.level.sigma = (SURFACE_NOISE * self.voxel) as f32;
+            // Half of a voxel beyond its edge the field still has a floor, and no gradient.
+            self.level.has_surface = found[i..i + 2].iter().flatten().any(|sample| sample.gradient != [0.0; 3]);
         }
     }
 }
@@ -163,7 +169,7 @@ fn levels_of(columns: &Columns, cell: usize) -> Vec<Level> {
         debug_assert!(above.low < ceiling);
         // The surface is within the voxel, in its middle on average.
         let height = (carrier.high - 0.5 * columns.voxel()) as f32;
-        levels.push(Level { height, sigma: sigma as f32, top: carrier.high as f32, headroom: (ceiling - carrier.high) as f32 });
+        levels.push(Level { height, sigma: sigma as f32, top: carrier.high as f32, headroom: (ceiling - carrier.high) as f32, has_surface: false });
     }
     levels
 }

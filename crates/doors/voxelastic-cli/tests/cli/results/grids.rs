@@ -71,6 +71,8 @@ fn low_obstacles_are_not_free_and_the_floor_is_followed() {
     let share = |part: &str| floor[part].as_f64().unwrap() / floor["free"].as_f64().unwrap();
     assert_eq!((floor["storeys"].as_u64(), floor["free_but_deep"].as_u64()), (Some(1), Some(0)), "{floor}");
     assert!(floor["free"].as_u64().unwrap() > 10_000 && share("free_but_blocked") < 5e-3, "{floor}");
+    // Of the platform of 0.8 m at most the cells in which its edge is.
+    assert!(share("free_but_no_floor") < 1e-3, "{floor}");
     assert!(share("occupied_but_far") < 5e-3 && floor["height_median_m"].as_f64().unwrap() < 0.015, "{floor}");
 }
 
