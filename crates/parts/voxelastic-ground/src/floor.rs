@@ -17,8 +17,8 @@ const BEYOND: f64 = 1.5;
 const STRIDE: f64 = 0.125;
 /// What is cut off by steps is floor if it is at least this large, square metres: else it is a box, or a step of a staircase.
 const LEAST_FLOOR: f64 = 1.0;
-/// Voxels are of the floor between two places if their upper end is no farther above it, or below, than this, metres: far from the sensor they are eight times as large.
-const VOXELS_OF_FLOOR: [f32; 2] = [0.1, 0.45];
+/// Voxels are of the floor between two places if they are no farther from its height than this, metres.
+const SAME_HEIGHT: f32 = 0.1;
 /// How fast a height that was filled in becomes uncertain, metres per metre.
 const DRIFT: f32 = 0.05;
 
@@ -112,7 +112,7 @@ fn fill_between(cells: &Cells, floor: &mut [FloorCell]) {
         let height = one.height + share * (other.height - one.height);
         let distance = a.min(b) as f32 * cells.edge as f32;
         let sigma = one.sigma.max(other.sigma).hypot(DRIFT * distance);
-        let has_voxels = (-VOXELS_OF_FLOOR[0]..=VOXELS_OF_FLOOR[1]).contains(&(floor[cell].top - height));
+        let has_voxels = (floor[cell].height - height).abs() <= SAME_HEIGHT;
         Some(match has_voxels {
             true => FloorCell { height, sigma, known: Known::Seen, ..floor[cell] },
             false => FloorCell { height, sigma, top: height, known: Known::Between, ..FloorCell::NONE },

@@ -164,9 +164,11 @@ fn levels_of(columns: &Columns, cell: usize) -> Vec<Level> {
     let spans: Vec<_> = columns.spans(cell).collect();
     let mut levels = Vec::new();
     for (k, carrier) in spans.iter().enumerate().filter(|(_, span)| span.occupied) {
-        let Some(above) = spans.get(k + 1).filter(|s| !s.occupied && s.low - carrier.high <= gap && s.high - s.low >= LEAST_FREE) else { continue };
+        let mut above = spans[k + 1..].iter().take_while(|span| !span.occupied);
+        if !above.any(|span| span.low - carrier.high <= gap && span.high - span.low >= LEAST_FREE) {
+            continue;
+        }
         let ceiling = spans[k + 1..].iter().find(|span| span.occupied).map_or(f64::INFINITY, |span| span.low);
-        debug_assert!(above.low < ceiling);
         // The surface is within the voxel, in its middle on average.
         let height = (carrier.high - 0.5 * columns.voxel()) as f32;
         levels.push(Level { height, sigma: sigma as f32, top: carrier.high as f32, headroom: (ceiling - carrier.high) as f32, has_surface: false });
