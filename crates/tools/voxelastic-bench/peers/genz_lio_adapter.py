@@ -18,8 +18,8 @@ config.max_threads = REQUEST["threads"]
 config.preprocess.lidar_type, config.preprocess.scan_line = genz_lio.LidarType.OUSTER, 64
 config.preprocess.blind_min, config.preprocess.blind_max = REQUEST["min_range_m"], REQUEST["max_range_m"]
 odometry = genz_lio.GenZLIO(config)
-# Time, angular velocity and specific force, at the lidar and along its axes.
-samples = np.fromfile(REQUEST["imu"], np.float64).reshape(-1, 7)
+# Time, specific force and angular velocity, in this order, at the lidar and along its axes.
+samples = np.fromfile(REQUEST["imu"], np.float64).reshape(-1, 7)[:, [0, 4, 5, 6, 1, 2, 3]]
 ends, poses, taken = [], [], 0
 
 
