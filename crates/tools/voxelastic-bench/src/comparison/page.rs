@@ -68,7 +68,7 @@ fn table(text: &mut String, heading: &[&str], rows: impl IntoIterator<Item = Vec
         let _ = writeln!(text, "| {} |", cells.join(" | "));
     };
     line(&heading.iter().map(|cell| (*cell).to_owned()).collect::<Vec<_>>());
-    line(&vec!["---".to_owned(); heading.len()]);
+    line(&heading.iter().map(|_| "---".to_owned()).collect::<Vec<_>>());
     rows.into_iter().for_each(|row| line(&row));
 }
 

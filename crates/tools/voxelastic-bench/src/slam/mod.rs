@@ -22,6 +22,7 @@ use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
+pub(crate) use peer::NOT_FOR_THESE;
 pub use results::{SlamBench, SlamRun};
 pub use score::{ClosureScore, PathScore};
 pub use table::table;

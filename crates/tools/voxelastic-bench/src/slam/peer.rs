@@ -72,6 +72,8 @@ const ADAPTERS: [Adapter; 16] = [
 ];
 /// The module that they share.
 const SHARED: (&str, &str) = ("slam.py", include_str!("../../peers/slam.py"));
+/// Why a peer was not run that cannot do this with these scans.
+pub(crate) const NOT_FOR_THESE: &str = "not for these scans";
 /// Ranges of returns that count, metres.
 const RANGES: (f64, f64) = (0.5, 100.0);
 /// Time beyond the limit for an adapter to start and to finish a scan.
@@ -221,7 +223,7 @@ impl SlamPeer {
         workspace.remove_scratch("request.json");
         let note = match outcome {
             Outcome::Failed(status) if status.ends_with("77") => return Ok(Err("not installed".to_owned())),
-            Outcome::Failed(status) if status.ends_with("78") => return Ok(Err("not for these scans: its adapter says above why".to_owned())),
+            Outcome::Failed(status) if status.ends_with("78") => return Ok(Err(format!("{NOT_FOR_THESE}: its adapter says above why"))),
             Outcome::Failed(status) => format!("failed: {status}"),
             Outcome::TimedOut => "stopped at the time limit".to_owned(),
             Outcome::Success => String::new(),
