@@ -26,10 +26,12 @@ use voxelastic::settings::FieldKind;
 const COARSE: Setting = Setting { max_range: 20.0, voxel: 0.26 };
 /// Time of a peer for the scans of one map, and for one trajectory, seconds.
 const LIMITS: (u64, u64) = (75, 120);
-/// Scans of the simulated walk: 20 s after three at rest.
-const WALK_SCANS: usize = 230;
-/// The recordings of trajectories.
-const RECORDINGS: [&str; 4] = ["kitti00-seq", "hall", "campus-walk", "kitti00-loops"];
+/// Scans of the simulated walk, of which 30 are at rest: all, and of a quick run.
+const WALK_SCANS: (usize, usize) = (230, 90);
+/// Scans of the campus in a quick run.
+const QUICK_CAMPUS: &[&str] = &["campus", "--scans", "60"];
+/// The recordings of trajectories; the last is left out of a quick run.
+const RECORDINGS: [&str; 4] = ["kitti00-seq", "campus-walk", "hall", "kitti00-loops"];
 /// Scratch name of our map.
 const MAP: &str = "compared.vox";
 
@@ -50,6 +52,10 @@ pub struct Comparison {
     pub format: u32,
     /// What `voxelastic --version` says.
     pub program: String,
+    /// Whether scans were few, and `kitti00-loops` left out.
+    pub quick: bool,
+    /// Whether all of it was run; else the run was stopped before.
+    pub is_complete: bool,
     /// The day, year first.
     pub date: String,
     /// The machine.
@@ -66,42 +72,57 @@ pub struct Comparison {
     pub total_s: f64,
 }
 
-/// Runs it all. Peers are installed below the folder of the workspace.
+/// Runs it all. Peers are installed below the folder of the workspace. What there is so far is given to `save` now and then, so that a run that is stopped
+/// leaves it.
 ///
 /// # Errors
 /// When a program of ours fails or data cannot be read. A peer that fails is skipped and listed.
-pub fn run(workspace: &Workspace, data: &Path) -> Result<Comparison> {
+pub fn run(workspace: &Workspace, data: &Path, quick: bool, save: &mut dyn FnMut(&Comparison)) -> Result<Comparison> {
     let interpreters = Interpreters::each(workspace);
-    let mut found = Comparison { format: 1, program: workspace.version()?, date: today(), ..Comparison::default() };
+    let mut found = Comparison { format: 1, quick, program: workspace.version()?, date: today(), ..Comparison::default() };
+    found.skipped.extend(NOT_TO_BE_HAD.iter().map(|(name, why)| format!("{name}: {why}")));
     let (peers, missing) = peers::python_peers(workspace, &interpreters)?;
     found.skipped.extend(missing);
     slam::install(workspace, &interpreters)?;
     // Installing is over.
     let clock = Instant::now();
     found.machine = machine();
-    maps(workspace, data, &peers, &mut found)?;
-    let options = slam::Options {
-        only: words(&RECORDINGS),
-        peers: Some(interpreters.clone()),
-        limit: Duration::from_secs(LIMITS.1),
-        walk_scans: WALK_SCANS,
-        keyframes_for_closures: true,
+    let mut save = |found: &mut Comparison| {
+        found.machine.load_after = load();
+        found.total_s = clock.elapsed().as_secs_f64();
+        save(found);
     };
-    found.slam = slam::run(workspace, data, &options)?;
     moving::run(workspace, data, &interpreters, &mut found)?;
-    // What needs an inertial unit is on one recording alone, and the page says so.
-    found.skipped.extend(found.slam.skipped.iter().filter(|why| !why.contains(slam::NOT_FOR_THESE)).cloned());
-    found.skipped.extend(NOT_TO_BE_HAD.iter().map(|(name, why)| format!("{name}: {why}")));
-    found.machine.load_after = load();
-    found.total_s = clock.elapsed().as_secs_f64();
+    maps(workspace, data, &peers, &mut found, &mut save)?;
+    for recording in &RECORDINGS[..if quick { RECORDINGS.len() - 1 } else { RECORDINGS.len() }] {
+        let options = slam::Options {
+            only: words(&[recording]),
+            peers: Some(interpreters.clone()),
+            limit: Duration::from_secs(LIMITS.1),
+            walk_scans: if quick { WALK_SCANS.1 } else { WALK_SCANS.0 },
+            keyframes_for_closures: true,
+        };
+        let more = slam::run(workspace, data, &options)?;
+        found.slam.runs.extend(more.runs);
+        // What needs an inertial unit is on one recording alone, and the page says so.
+        let is_new = |why: &String, found: &Comparison| !why.contains(slam::NOT_FOR_THESE) && !found.skipped.contains(why);
+        more.skipped.into_iter().for_each(|why| found.skipped.extend(is_new(&why, &found).then_some(why)));
+        save(&mut found);
+    }
+    found.is_complete = true;
+    save(&mut found);
     Ok(found)
 }
 
 /// Surfaces of three places, and free space of two of them.
-fn maps(workspace: &Workspace, data: &Path, peers: &[Peer], found: &mut Comparison) -> Result<()> {
+fn maps(workspace: &Workspace, data: &Path, peers: &[Peer], found: &mut Comparison, save: &mut dyn FnMut(&mut Comparison)) -> Result<()> {
     let (real, missing) = data::real(data);
     found.skipped.extend(missing);
-    for dataset in std::iter::once(data::campus(workspace, None)?).chain(real) {
+    let campus = match found.quick {
+        true => Dataset { truth: Truth::World, ..Dataset::simulated("campus", data::simulated(workspace, "campus-quick", QUICK_CAMPUS)?) },
+        false => data::campus(workspace, None)?,
+    };
+    for dataset in std::iter::once(campus).chain(real) {
         let exported = peers::export_scans(&dataset, &workspace.scratch("exported"))?;
         for (setting, field) in [(HARDEST, FieldKind::Tsdf), (COARSE, FieldKind::Occupancy)] {
             if field == FieldKind::Occupancy && dataset.truth == Truth::None {
@@ -123,6 +144,7 @@ fn maps(workspace: &Workspace, data: &Path, peers: &[Peer], found: &mut Comparis
             }
         }
         workspace.remove_scratch("exported");
+        save(found);
     }
     Ok(())
 }

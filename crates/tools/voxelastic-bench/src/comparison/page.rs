@@ -10,7 +10,10 @@ use std::fmt::Write;
 /// The comparison as a page of Markdown.
 pub fn page(found: &Comparison) -> String {
     let mut text = String::from("# Beside other systems\n\n");
-    text.push_str("Made by `voxelastic-bench --comparison docs/comparison.md`, in one run and never edited: run it again to change it. ");
+    text.push_str("Made by `voxelastic-bench --comparison docs/comparison.md");
+    text.push_str(if found.quick { " --quick`" } else { "`" });
+    text.push_str(", in one run and never edited: run it again to change it. ");
+    text.push_str(if found.is_complete { "" } else { "**This run was stopped before its end.** " });
     text.push_str("It installs each peer by pip in an environment of its own, and runs it on the same scans as ours, in turn, on one thread.\n\n");
     let machine = &found.machine;
     let load = |load: Option<f64>| number(load, 1);
