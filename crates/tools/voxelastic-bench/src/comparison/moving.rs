@@ -56,6 +56,11 @@ pub(super) fn run(workspace: &Workspace, data: &Path, interpreters: &Interpreter
     let peer_lines = user_lines(SCRIPT.1);
     let outcome = run_lines(&python, &[script, "--json".to_owned(), folder, removed], LIMIT, |line| {
         if let Ok(mut run) = serde_json::from_str::<MovingRun>(line) {
+            if run.system.starts_with("Voxelastic") && run.moving_removed == 0.0 {
+                // Its poses are those of the camera, and `map` is not told so yet: points that are in another frame are not found again, which says nothing.
+                found.skipped.push(format!("Voxelastic: {RECORDING}: not scored, because its poses are those of the camera"));
+                return;
+            }
             if run.system.starts_with("Voxelastic") {
                 // Mapping and all, while the peer only removes.
                 run.cpu_ms = answer.pointer("/integrate_cpu_ms/mean").and_then(serde_json::Value::as_f64);
