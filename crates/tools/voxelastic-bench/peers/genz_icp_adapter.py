@@ -13,6 +13,7 @@ except ImportError:
     leave(ABSENT, "GenZ-ICP is left out: pip install genz-icp (VOXELASTIC_PYTHON names the Python)")
 
 emit(system=f"GenZ-ICP {version('genz-icp')}")
+# user code: begin
 config = GenZConfig()
 config.data.deskew = False  # the scans are given without times
 config.data.max_range, config.data.min_range = REQUEST["max_range_m"], REQUEST["min_range_m"]
@@ -22,6 +23,7 @@ odometry = GenZICP(config)
 def register(points, times):
     odometry.register_frame(points, np.zeros(0))
     return odometry.last_pose
+# user code: end
 
 
 measure(register)

@@ -13,12 +13,14 @@ except ImportError:
     leave(ABSENT, "KISS-SLAM is left out: pip install kiss-slam (VOXELASTIC_PYTHON names the Python)")
 
 emit(system=f"KISS-SLAM {version('kiss-slam')}")
+# user code: begin
 config = load_config(None)
 config.odometry.preprocessing.deskew = False  # the scans are given without times
 config.odometry.preprocessing.max_range, config.odometry.preprocessing.min_range = REQUEST["max_range_m"], REQUEST["min_range_m"]
 config.odometry.registration.max_num_threads = REQUEST["threads"]
 config.odometry.mapping.voxel_size = REQUEST["max_range_m"] / 100
 slam = KissSLAM(config)
+# user code: end
 # First scan of each local map; the closure's pose takes the later map to the earlier one.
 first, constraints, scans = [0], [], 0
 add_factor = slam.optimizer.add_factor
@@ -34,7 +36,9 @@ slam.optimizer.add_factor = remember
 
 def register(points, times):
     global scans
+    # user code: begin
     slam.process_scan(points, np.zeros(0))
+    # user code: end
     scans += 1
     if slam.local_map_graph.last_id >= len(first):
         # A new map begins with the pose of the last scan of the one before.

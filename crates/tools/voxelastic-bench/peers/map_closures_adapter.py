@@ -17,6 +17,7 @@ except ImportError:
     leave(ABSENT, "MapClosures is left out: pip install map-closures (VOXELASTIC_PYTHON names the Python)")
 
 emit(system=f"MapClosures {version('map-closures')}")
+# user code: begin
 config = MapClosuresConfig()
 closer = MapClosures(config)
 poses = [np.vstack([np.reshape(scan["t_map_lidar"], (3, 4)), [0, 0, 0, 1]]) for scan in REQUEST["scans"]]
@@ -43,6 +44,7 @@ def register(points, times):
         local_map.integrate_frame(kept, np.linalg.inv(poses[scan]) @ poses[anchors[-1]])
         anchors.append(scan)
     return None
+# user code: end
 
 
 measure(register)

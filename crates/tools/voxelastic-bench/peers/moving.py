@@ -4,7 +4,10 @@
     voxelastic map street -o all.vox --poses groundtruth
     voxelastic map street -o clean.vox --poses groundtruth --dynamic remove --dynamic-points moving.ply
     voxelastic mesh all.vox -o all.ply && voxelastic mesh clean.vox -o clean.ply
-    python3 moving.py street moving.ply [all.ply clean.ply]
+    python3 moving.py street moving.ply [all.ply clean.ply] [--json]
+
+The folder may be one of SemanticKITTI, too (velodyne/, labels/, poses.txt, calib.txt): what has the label of a moving thing moves, what has no label does not count.
+With --json the scores are JSON objects, one a line.
 
 Needs numpy and scipy; open3d for the scores of the maps; dufomap for the peer (pip install dufomap). Prints the shares of static points kept (SA) and of
 points on things that move removed (DA), and AA, the root of their product. Online, a point is removed if it was set aside when it came; points on what
@@ -12,6 +15,7 @@ stands and moves at another time do not count. Offline, it is removed if it is n
 everything; what stands at first and leaves counts as moving, what has come to rest does not count. Thin things are static points in whose neighbourhood
 points lie along a line; the share is of those within 10 cm of the surface of everything.
 """
+import json
 import sys
 import time
 from pathlib import Path
@@ -43,6 +47,9 @@ def rotation(x, y, z, w):
 
 def scans(folder):
     """Points in the lidar frame, labels and pose of each scan."""
+    if (folder / "velodyne").is_dir():
+        yield from semantic_kitti(folder)
+        return
     poses = np.loadtxt(folder / "groundtruth.tum")
     for k, (path, row) in enumerate(zip(sorted((folder / "scans").glob("*.pcd")), poses)):
         points = read_pcd(path)
@@ -52,6 +59,23 @@ def scans(folder):
         pose = np.eye(4)
         pose[:3, :3], pose[:3, 3] = rotation(*row[4:]), row[1:4]
         yield points[kept], labels[kept], pose
+
+
+def semantic_kitti(folder):
+    """The same of a folder of SemanticKITTI, whose poses are those of the camera."""
+    lines = (folder / "calib.txt").read_text().splitlines()
+    t_camera_lidar = np.eye(4)
+    t_camera_lidar[:3] = next(np.array(line.split()[1:], float).reshape(3, 4) for line in lines if line.startswith("Tr:"))
+    rows = np.loadtxt(folder / "poses.txt").reshape(-1, 3, 4)
+    for path, row in zip(sorted((folder / "velodyne").glob("*.bin")), rows):
+        points = np.fromfile(path, np.float32).reshape(-1, 4)[:, :3]
+        classes = np.fromfile(folder / "labels" / f"{path.stem}.label", "<u4") & 0xFFFF
+        labels = np.where(classes >= 252, 1, np.where(classes <= 1, 9, 0))
+        ranges = np.linalg.norm(points, axis=1)
+        kept = (ranges > NEAR) & (ranges < FAR)
+        camera = np.eye(4)
+        camera[:3] = row
+        yield points[kept], labels[kept], np.linalg.inv(t_camera_lidar) @ camera @ t_camera_lidar
 
 
 def in_map(points, pose):
@@ -75,10 +99,13 @@ def vertices(path):
     return raw[:, :12].copy().view("<f4").astype(float)
 
 
-def score(name, removed, labels, moving):
+def score(name, removed, labels, moving, cpu_ms=None):
     static = ~removed[labels == 0]
     dynamic = removed[np.isin(labels, moving)]
     sa, da = 100 * static.mean(), 100 * dynamic.mean()
+    if "--json" in sys.argv:
+        print(json.dumps({"system": name, "static_kept": sa, "moving_removed": da, "cpu_ms": cpu_ms}), flush=True)
+        return
     print(f"{name:28s} SA {sa:6.2f}  DA {da:6.2f}  AA {np.sqrt(sa * da):6.2f} %   ({len(static)} static, {len(dynamic)} moving points)", flush=True)
 
 
@@ -100,7 +127,7 @@ def are_thin(points):
 
 
 def main():
-    folder, set_aside, *meshes = map(Path, sys.argv[1:])
+    folder, set_aside, *meshes = (Path(word) for word in sys.argv[1:] if word != "--json")
     all_scans = list(scans(folder))
     labels = np.concatenate([scan[1] for scan in all_scans])
     points = np.concatenate([in_map(scan[0], scan[2]) for scan in all_scans])
@@ -126,22 +153,33 @@ def main():
         thin = are_thin(points[static])
         print(f"thin things: {100 * (~gone[static][thin]).mean():.2f} % kept of {thin.sum()} points", flush=True)
     try:
+        from importlib.metadata import version
+
         from dufomap import dufomap
     except ImportError:
         print("DUFOMap is left out: this Python has no dufomap (pip install dufomap)")
         return
+    # user code: begin
     peer = dufomap(0.1, 0.2, 1, num_threads=1)
+    # user code: end
+    name = f"DUFOMap {version('dufomap')}"
     online, seconds = [], 0.0
     for cloud, _, pose in all_scans:
         clock = time.process_time()
+        # user code: begin
         peer.run(cloud, pose, cloud_transform=True)
         online.append(peer.segment(cloud, pose, cloud_transform=True) > 0)
+        # user code: end
         seconds += time.process_time() - clock
-    score("DUFOMap, online", np.concatenate(online), labels, [1])
+    cpu_ms = 1e3 * seconds / len(all_scans)
+    score(f"{name}, online", np.concatenate(online), labels, [1], cpu_ms)
+    # user code: begin
     peer.oncePropagateCluster(if_propagate=True, if_cluster=False)
     offline = np.concatenate([peer.segment(cloud, pose, cloud_transform=True) > 0 for cloud, _, pose in all_scans])
-    score("DUFOMap, offline", offline, labels, [1, 2])
-    print(f"DUFOMap: {1e3 * seconds / len(all_scans):.0f} ms of processor time a scan")
+    # user code: end
+    score(f"{name}, offline", offline, labels, [1, 2])
+    if "--json" not in sys.argv:
+        print(f"DUFOMap: {cpu_ms:.0f} ms of processor time a scan")
 
 
 if __name__ == "__main__":

@@ -18,6 +18,7 @@ except ImportError:
 
 version = getattr(octomap, "__version__", "")
 emit(system=f"OctoMap ({octomap.__name__} {version})".replace(" )", ")"))
+# user code: begin
 voxel = request["voxel_m"]
 tree = octomap.OcTree(voxel)
 
@@ -38,6 +39,7 @@ def occupied():
         grid = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), -1).reshape(-1, 3)
         centres.append(grid + np.array(leaf.getCoordinate()))
     return np.concatenate(centres) if centres else np.zeros((0, 3))
+# user code: end
 
 
 # Returns beyond the range free the space up to it, so they are not left out.

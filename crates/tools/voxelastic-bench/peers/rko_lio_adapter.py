@@ -17,6 +17,7 @@ if not REQUEST.get("imu"):
 emit(system=f"RKO-LIO {version('rko-lio')}")
 # Time, angular velocity and specific force, at the lidar and along its axes.
 samples = np.fromfile(REQUEST["imu"], np.float64).reshape(-1, 7)
+# user code: begin
 config = LIOConfig(max_num_threads=REQUEST["threads"], max_range=REQUEST["max_range_m"], min_range=REQUEST["min_range_m"], initialization_phase=True)
 odometry = LIO(config)
 ends, poses, taken = [], [], 0
@@ -34,6 +35,7 @@ def register(points, times):
     ends.append(end)
     poses.append(np.array(odometry.pose()))
     return poses[-1]
+# user code: end
 
 
 def nanoseconds(seconds):

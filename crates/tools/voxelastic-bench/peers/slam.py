@@ -44,16 +44,26 @@ def points_of(scan):
     return np.ascontiguousarray(rows[:, :3].astype(np.float64)), rows[:, 3].astype(np.float64) if "time_s" in scan else np.zeros(0)
 
 
-def measure(register):
-    """Calls `register(points, times)` for each scan within the time limit, and prints its time and the pose that it returns (or None)."""
+def peak_mb():
+    """Most memory of this process, megabytes."""
+    status = Path("/proc/self/status")
+    found = [line.split()[1] for line in status.read_text().splitlines() if line.startswith("VmHWM:")] if status.exists() else []
+    return int(found[0]) * 1024 / 1e6 if found else None
+
+
+def measure(register, prepared=None):
+    """Calls `register(points, times)` for each scan within the time limit, and prints its time and the pose that it returns (or None). What `prepared` makes
+    of points and times before is passed on instead of them, and does not count."""
     start = time.monotonic()
     for number, scan in enumerate(REQUEST["scans"]):
         if time.monotonic() - start > REQUEST["time_limit_s"]:
             return False
-        points, times = points_of(scan)
+        given = points_of(scan)
+        if prepared:
+            given = prepared(*given)
         cpu = time.process_time()
-        pose = register(points, times)
-        emit(scan=number, cpu_ms=(time.process_time() - cpu) * 1e3, pose=None if pose is None else rows(pose))
+        pose = register(*given)
+        emit(scan=number, cpu_ms=(time.process_time() - cpu) * 1e3, pose=None if pose is None else rows(pose), peak_rss_mb=peak_mb())
     return True
 
 

@@ -15,6 +15,7 @@ except ImportError:
     absent("VDBFusion is left out: this Python has no vdbfusion (pip install vdbfusion; VOXELASTIC_PYTHON names the Python)")
 
 emit(system=f"VDBFusion {version('vdbfusion')}")
+# user code: begin
 volume = vdbfusion.VDBVolume(request["voxel_m"], 3 * request["voxel_m"], False)
 
 
@@ -22,6 +23,7 @@ def integrate(points, origin):
     pose = np.eye(4)
     pose[:3, 3] = origin
     volume.integrate(points, pose)
+# user code: end
 
 
 measure(

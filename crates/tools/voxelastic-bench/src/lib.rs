@@ -13,6 +13,7 @@
 //! | How is another mapping system measured? | [`peers`] |
 //! | What do pose updates, second laps and mesh extraction cost? | [`special`] |
 //! | How good are odometry and loop closures from the scans alone? | [`slam`] |
+//! | Everything that pip can install beside ours, as one page | [`comparison`] |
 //! | How do costs grow with the sensor, the range, the voxels, the map? | [`growth`] |
 //!
 //! ```
@@ -27,6 +28,7 @@
 //! assert!(text.contains("OctoMap") && text.contains("3 of 210"));
 //! ```
 
+pub mod comparison;
 mod data;
 mod error;
 pub mod goal;

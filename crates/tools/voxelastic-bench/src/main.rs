@@ -7,9 +7,9 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
-use voxelastic_bench::peers::{self, Peer};
+use voxelastic_bench::peers::{self, Interpreters, Peer};
 use voxelastic_bench::suite::{self, Options};
-use voxelastic_bench::{Workspace, growth, plots, slam, table};
+use voxelastic_bench::{Workspace, comparison, growth, plots, slam, table};
 
 /// Variable with the folder of recorded scans, as for the tests.
 const DATA_VARIABLE: &str = "VOXELASTIC_DATA";
@@ -17,6 +17,8 @@ const DATA_VARIABLE: &str = "VOXELASTIC_DATA";
 const DATA_FOLDER: &str = "../shared/data";
 /// Factor on the time limit of peers for whole recordings.
 const SLAM_LIMIT_FACTOR: u32 = 30;
+/// Scans of a simulated walk: a minute, after three seconds at rest.
+const WALK_SCANS: usize = 630;
 /// Variable with the Python interpreter for peers.
 const PYTHON_VARIABLE: &str = "VOXELASTIC_PYTHON";
 
@@ -35,10 +37,12 @@ const PYTHON_VARIABLE: &str = "VOXELASTIC_PYTHON";
   voxelastic-bench --peers -o bench                       everything, with OctoMap and VDBFusion on the same scans
   voxelastic-bench --growth                               how cost grows with rings, range, voxels and submaps
   voxelastic-bench --slam --peers                         odometry and loop closures, beside other systems
+  voxelastic-bench --comparison docs/comparison.md        everything that pip can install, on everything that is here, as one page
   voxelastic-bench --peer \"Bonxai=python3 bonxai.py\"      another system, by an adapter
 
-OctoMap and VDBFusion run in Python: `pip install pyoctomap vdbfusion` (VDBFusion has packages up to Python 3.10). VOXELASTIC_PYTHON is the
-interpreter that has them [default: python3]. Those of --slam: `pip install kiss-icp genz-icp kiss-slam map-closures rko-lio`. The protocol of adapters is documented in crates/tools/voxelastic-bench/src/peers/mod.rs."
+OctoMap, VDBFusion and Open3D run in Python: `pip install pyoctomap vdbfusion open3d-cpu` (VDBFusion has packages up to Python 3.10). VOXELASTIC_PYTHON is the
+interpreter that has them [default: python3]; --install and --comparison make an environment for each instead. Those of --slam: `pip install kiss-icp genz-icp
+kiss-slam map-closures rko-lio retro-slam genz-lio pelorus evalio`. The protocol of adapters is documented in crates/tools/voxelastic-bench/src/peers/mod.rs."
 )]
 struct BenchArgs {
     /// The command to measure [default: `voxelastic` beside this program]
@@ -47,7 +51,7 @@ struct BenchArgs {
     /// The folder for results and simulated scans; existing scans are reused
     #[arg(short, long, value_name = "DIR", default_value = "voxelastic-bench")]
     output: PathBuf,
-    /// The hardest setting only, on 60 scans of the campus, without errors
+    /// The hardest setting only, on 60 scans of the campus, without errors; with --comparison, few scans, and none of kitti00-loops
     #[arg(long, conflicts_with = "growth")]
     quick: bool,
     /// Measure the growth of cost instead: tables with fitted exponents, and the cost of new road
@@ -59,9 +63,15 @@ struct BenchArgs {
     /// Only this recording of --slam [default: all]
     #[arg(long, value_name = "NAME", requires = "slam", value_parser = clap::builder::PossibleValuesParser::new(slam::recordings().collect::<Vec<_>>()))]
     recording: Vec<String>,
-    /// Run OctoMap and VDBFusion on the same scans, in turn; with --slam, KISS-ICP, GenZ-ICP, KISS-SLAM, MapClosures and RKO-LIO
+    /// Write a page that compares everything that pip can install, on everything that is here: maps, trajectories, closures, moving things
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["growth", "slam", "peers", "peer", "repeat", "campus"])]
+    comparison: Option<PathBuf>,
+    /// Run OctoMap, VDBFusion and Open3D on the same scans, in turn; with --slam, KISS-ICP, GenZ-ICP, KISS-SLAM, MapClosures, RKO-LIO and others
     #[arg(long)]
     peers: bool,
+    /// Install each peer in an environment of its own, below the folder for results, instead of using one Python for all
+    #[arg(long, requires = "peers")]
+    install: bool,
     /// Run another system in turn, by an adapter
     #[arg(long, value_name = "NAME=COMMAND", value_parser = peer)]
     peer: Vec<Peer>,
@@ -115,10 +125,25 @@ fn run(args: &BenchArgs) -> anyhow::Result<()> {
         let found = growth::run(&workspace, &data, args.campus.as_deref())?;
         return finish(args, "growth.json", &found, &table::growth(&found));
     }
+    if let Some(page) = &args.comparison {
+        let mut save = |found: &comparison::Comparison| {
+            let text = comparison::page(found);
+            if let Err(problem) = voxelastic_files::write(page, |out| out.write_all(text.as_bytes())) {
+                tracing::error!("{}: {problem}: choose another file", page.display());
+            }
+        };
+        let found = comparison::run(&workspace, &data, args.quick, &mut save)?;
+        return finish(args, "comparison.json", &found, &comparison::page(&found));
+    }
     if args.slam {
-        let python = args.peers.then(python);
-        let limit = SLAM_LIMIT_FACTOR * Duration::from_secs(args.peer_limit);
-        let found = slam::run(&workspace, &data, &args.recording, python.as_deref(), limit)?;
+        let options = slam::Options {
+            only: args.recording.clone(),
+            peers: args.peers.then(|| interpreters(args, &workspace)),
+            limit: SLAM_LIMIT_FACTOR * Duration::from_secs(args.peer_limit),
+            walk_scans: WALK_SCANS,
+            keyframes_for_closures: false,
+        };
+        let found = slam::run(&workspace, &data, &options)?;
         return finish(args, "slam.json", &found, &slam::table(&found));
     }
     let options = Options {
@@ -139,15 +164,20 @@ fn run(args: &BenchArgs) -> anyhow::Result<()> {
 fn peers(args: &BenchArgs, workspace: &Workspace) -> anyhow::Result<Vec<Peer>> {
     let mut all = Vec::new();
     if args.peers {
-        all.extend(peers::python_peers(workspace, &python())?);
+        let (found, missing) = peers::python_peers(workspace, &interpreters(args, workspace))?;
+        missing.iter().for_each(|why| tracing::warn!("{why}"));
+        all.extend(found);
     }
     all.extend(args.peer.iter().cloned());
     Ok(all)
 }
 
-/// The interpreter for peers.
-fn python() -> String {
-    std::env::var(PYTHON_VARIABLE).unwrap_or_else(|_| "python3".to_owned())
+/// The Python of peers.
+fn interpreters(args: &BenchArgs, workspace: &Workspace) -> Interpreters {
+    if args.install {
+        return Interpreters::each(workspace);
+    }
+    Interpreters::One(std::env::var(PYTHON_VARIABLE).unwrap_or_else(|_| "python3".to_owned()))
 }
 
 /// Saves and prints the results.

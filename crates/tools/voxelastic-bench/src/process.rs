@@ -17,12 +17,18 @@ pub(crate) fn command_line(program: &str, arguments: &[String]) -> String {
 /// Runs a program and parses its output, which must be one JSON object.
 pub(crate) fn run_json(program: &Path, arguments: &[String]) -> Result<Value> {
     let command = command_line(&program.display().to_string(), arguments);
+    serde_json::from_str(&output(program, arguments)?).map_err(|e| BenchError::Answer { command, problem: e.to_string() })
+}
+
+/// Runs a program and returns its output.
+pub(crate) fn output(program: &Path, arguments: &[String]) -> Result<String> {
+    let command = command_line(&program.display().to_string(), arguments);
     let out = Command::new(program).args(arguments).stdin(Stdio::null()).output();
     let out = out.map_err(|source| BenchError::Start { command: command.clone(), source })?;
     if !out.status.success() {
         return Err(BenchError::Failed { command, status: out.status.to_string(), message: last_lines(&out.stderr) });
     }
-    serde_json::from_slice(&out.stdout).map_err(|e| BenchError::Answer { command, problem: e.to_string() })
+    String::from_utf8(out.stdout).map_err(|e| BenchError::Answer { command, problem: e.to_string() })
 }
 
 /// The last lines of an output.

@@ -79,6 +79,8 @@ pub struct Run {
     pub repetitions_ms: Vec<f64>,
     /// Why the run is not complete; empty if it is.
     pub note: String,
+    /// Lines of code that a user of a peer writes; `null` for ours, which is a command, and where it is not known.
+    pub user_lines: Option<usize>,
     /// One value per scan.
     pub series: Series,
 }

@@ -47,6 +47,11 @@ impl Workspace {
         process::run_json(&self.program, &arguments)
     }
 
+    /// What the program says of its version: commit, features and instructions, in one line.
+    pub(crate) fn version(&self) -> Result<String> {
+        process::output(&self.program, &words(&["--version"])).map(|said| said.trim().replace('\n', "; "))
+    }
+
     /// The command line of [`run_json`](Self::run_json) as one would type it.
     pub(crate) fn command_line(arguments: &[String]) -> String {
         process::command_line("voxelastic", arguments)

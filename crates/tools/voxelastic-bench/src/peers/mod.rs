@@ -19,8 +19,10 @@
 //! exclude reading the points and include everything until the map can be queried. A last line `{"surface": true}` says that the surface was written.
 //! Other lines are ignored. Exit code 77 means that the peer is not installed, 78 that it does not map the field.
 //!
-//! The adapters `peers/octomap_adapter.py` and `peers/vdbfusion_adapter.py` of this crate share the module `peers/adapter.py`; [`python_peers`] runs them.
+//! The adapters `peers/octomap_adapter.py`, `peers/vdbfusion_adapter.py` and `peers/open3d_adapter.py` of this crate share the module `peers/adapter.py`;
+//! [`python_peers`] runs them. What a user writes, too, is between marks there, and is counted.
 
+pub(crate) mod environments;
 mod exported;
 
 use crate::error::Result;
@@ -28,10 +30,12 @@ use crate::process::{Outcome, run_lines};
 use crate::run::{Case, Run, Series};
 use crate::workspace::{Workspace, load};
 use crate::{BenchError, Dataset, quality};
+pub use environments::Interpreters;
+use environments::{OCTOMAP, OPEN3D, Package, VDBFUSION};
 pub(crate) use exported::ExportedScans;
 use serde_json::Value;
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 use voxelastic_eval::SeriesStats;
 
@@ -42,33 +46,50 @@ pub struct Peer {
     pub name: String,
     /// Command line of the adapter; the path of the request is appended.
     pub command: Vec<String>,
+    /// Lines of code that a user of the peer writes, too; none where the adapter does not mark them.
+    pub user_lines: Option<usize>,
 }
 
-/// Peers with Python packages: name, file and text of the adapter.
-const ADAPTERS: [(&str, &str, &str); 2] = [
-    ("OctoMap", "octomap_adapter.py", include_str!("../../peers/octomap_adapter.py")),
-    ("VDBFusion", "vdbfusion_adapter.py", include_str!("../../peers/vdbfusion_adapter.py")),
+/// Peers with Python packages: name, file and text of the adapter, package.
+const ADAPTERS: [(&str, &str, &str, Package); 3] = [
+    ("OctoMap", "octomap_adapter.py", include_str!("../../peers/octomap_adapter.py"), OCTOMAP),
+    ("VDBFusion", "vdbfusion_adapter.py", include_str!("../../peers/vdbfusion_adapter.py"), VDBFUSION),
+    ("Open3D", "open3d_adapter.py", include_str!("../../peers/open3d_adapter.py"), OPEN3D),
 ];
 /// The module shared by the adapters.
 const SHARED: (&str, &str) = ("adapter.py", include_str!("../../peers/adapter.py"));
 /// Time beyond the limit for an adapter to start and to finish a scan.
 const GRACE: Duration = Duration::from_secs(30);
 
-/// OctoMap and VDBFusion through their Python packages, run with `python`.
+/// OctoMap, VDBFusion and Open3D through their Python packages, and why those are missing that cannot be installed.
 ///
 /// # Errors
 /// When an adapter cannot be written to the workspace.
-pub fn python_peers(workspace: &Workspace, python: &str) -> Result<Vec<Peer>> {
-    let write = |(file, text): (&str, &str)| {
-        let script = workspace.folder().join(file);
-        fs::write(&script, text).map_err(BenchError::file(&script)).map(|()| script)
-    };
-    write(SHARED)?;
-    let peer = |(name, file, text): (&str, &str, &str)| {
-        let command = vec![python.to_owned(), write((file, text))?.display().to_string()];
-        Ok(Peer { name: name.to_owned(), command })
-    };
-    ADAPTERS.into_iter().map(peer).collect()
+pub fn python_peers(workspace: &Workspace, interpreters: &Interpreters) -> Result<(Vec<Peer>, Vec<String>)> {
+    write_adapter(workspace, SHARED.0, SHARED.1)?;
+    let (mut found, mut missing) = (Vec::new(), Vec::new());
+    for (name, file, text, package) in &ADAPTERS {
+        let script = write_adapter(workspace, file, text)?.display().to_string();
+        match interpreters.of(package) {
+            Ok(python) => found.push(Peer { name: (*name).to_owned(), command: vec![python, script], user_lines: user_lines(text) }),
+            Err(why) => missing.push(format!("{name}: {why}")),
+        }
+    }
+    Ok((found, missing))
+}
+
+/// Writes an adapter to the workspace.
+pub(crate) fn write_adapter(workspace: &Workspace, file: &str, text: &str) -> Result<PathBuf> {
+    let script = workspace.folder().join(file);
+    fs::write(&script, text).map_err(BenchError::file(&script)).map(|()| script)
+}
+
+/// Lines of code between the marks of an adapter: what a user of the peer writes, too, without reading, printing and what is particular to the bench.
+pub(crate) fn user_lines(adapter: &str) -> Option<usize> {
+    let marked = adapter.split("# user code: begin\n").skip(1).filter_map(|rest| rest.split_once("# user code: end"));
+    let is_code = |line: &&str| !line.is_empty() && !line.starts_with('#');
+    let lines: usize = marked.map(|(code, _)| code.lines().map(str::trim).filter(is_code).count()).sum();
+    (lines > 0).then_some(lines)
 }
 
 impl Peer {
@@ -76,7 +97,7 @@ impl Peer {
     pub fn parse(text: &str) -> Option<Self> {
         let (name, command) = text.split_once('=')?;
         let command: Vec<String> = command.split_whitespace().map(str::to_owned).collect();
-        (!name.trim().is_empty() && !command.is_empty()).then(|| Self { name: name.trim().to_owned(), command })
+        (!name.trim().is_empty() && !command.is_empty()).then(|| Self { name: name.trim().to_owned(), command, user_lines: None })
     }
 
     /// Runs the peer on `case` with the `exported` scans within `limit`, and measures its surface.
@@ -92,6 +113,7 @@ impl Peer {
         let offered = exported.len();
         let mut run = Run { load, scans_offered: offered, note: note(&outcome, answer.scans(), offered), ..answer.run(case) };
         run.command = crate::process::command_line(program, &all);
+        run.user_lines = self.user_lines;
         if answer.wrote_surface && run.scans == offered {
             run.quality = quality::measure(workspace, &surface, case.data, None)?;
         }
@@ -180,7 +202,7 @@ mod tests {
         fs::write(&adapter, script).unwrap();
         let data = Dataset { name: "two".into(), folder: "two".into(), poses: None, truth: Truth::None, max_scans: None };
         let case = Case { data: &data, setting: HARDEST, field: FieldKind::Occupancy, threads: 1, one_submap: true };
-        let peer = Peer { name: "toy".into(), command: vec!["/bin/sh".into(), adapter.display().to_string()] };
+        let peer = Peer { name: "toy".into(), command: vec!["/bin/sh".into(), adapter.display().to_string()], user_lines: None };
         peer.run(&workspace, &case, &ExportedScans::of(dir.path(), 2), limit).unwrap()
     }
 
@@ -203,6 +225,13 @@ mod tests {
         assert_eq!(run_adapter("exit 77", Duration::from_secs(5)).note, "skipped: not installed");
         assert_eq!(run_adapter("exit 78", Duration::from_secs(5)).note, NOT_THIS_FIELD);
         assert!(run_adapter("exit 3", Duration::from_secs(5)).note.starts_with("failed: "));
+    }
+
+    #[test]
+    fn adapters_mark_what_a_user_writes() {
+        assert_eq!(user_lines("a\n# user code: begin\nb\n\n# c\n  d\n# user code: end\ne\n  # user code: begin\nf\n  # user code: end"), Some(3));
+        assert!(ADAPTERS.iter().all(|(_, _, text, _)| user_lines(text).is_some_and(|lines| lines > 0)));
+        assert_eq!(user_lines("no marks"), None);
     }
 
     #[test]

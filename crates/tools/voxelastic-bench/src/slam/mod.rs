@@ -12,6 +12,7 @@ mod table;
 
 use crate::data::missing_folder;
 use crate::error::Result;
+use crate::peers::Interpreters;
 use crate::results::{generator, machine};
 use crate::workspace::{Workspace, load, words};
 use peer::{Exported, SlamPeer};
@@ -21,6 +22,7 @@ use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
+pub(crate) use peer::NOT_FOR_THESE;
 pub use results::{SlamBench, SlamRun};
 pub use score::{ClosureScore, PathScore};
 pub use table::table;
@@ -40,7 +42,7 @@ const WALKS: [Recording; 2] = [
 ];
 /// How these are simulated: a minute, after three seconds at rest.
 const WALK: &[&str] =
-    &["--carrier", "handheld", "--rest", "3", "--moving", "--rate", "10", "--scans", "630", "--columns", "512", "--imu", "100", "--loop-radius", "0"];
+    &["--carrier", "handheld", "--rest", "3", "--moving", "--rate", "10", "--columns", "512", "--imu", "100", "--loop-radius", "0", "--scans"];
 
 /// Voxels of the maps that are made for their closures, metres: as BENCHMARK.md has maps of `kitti00-loops`.
 const MAP_VOXEL: &str = "0.4";
@@ -52,15 +54,39 @@ pub fn recordings() -> impl Iterator<Item = &'static str> {
     RECORDINGS.iter().chain(&WALKS).map(|recording| recording.name)
 }
 
-/// Runs it all, or `only` the recordings of these names, if there are any. `python` is the interpreter for peers, if these are wanted; a peer gets `limit` for
-/// each recording.
+/// What is run.
+#[derive(Debug)]
+pub struct Options {
+    /// Only the recordings of these names, if there are any.
+    pub only: Vec<String>,
+    /// The Python of peers, if these are wanted.
+    pub peers: Option<Interpreters>,
+    /// Time for a peer and a recording.
+    pub limit: Duration,
+    /// Scans of a simulated walk, at 10 Hz.
+    pub walk_scans: usize,
+    /// Where scans are keyframes metres apart, only peers that close loops: on their way there, odometry alone is lost.
+    pub keyframes_for_closures: bool,
+}
+
+/// Installs the peers, so that this is not part of what is measured; whether one cannot be installed is said by [`run`].
+///
+/// # Errors
+/// When an adapter cannot be written to the workspace.
+pub(crate) fn install(workspace: &Workspace, interpreters: &Interpreters) -> Result<()> {
+    peer::all(workspace, interpreters).map(drop)
+}
+
+/// Runs it.
 ///
 /// # Errors
 /// When a program of ours fails or data cannot be read. A peer that fails is skipped and listed in the results.
-pub fn run(workspace: &Workspace, data: &Path, only: &[String], python: Option<&str>, limit: Duration) -> Result<SlamBench> {
+pub fn run(workspace: &Workspace, data: &Path, options: &Options) -> Result<SlamBench> {
     let clock = Instant::now();
     let mut bench = SlamBench { format: 1, generator: generator(), machine: machine(), ..SlamBench::default() };
-    let peers = python.map_or_else(|| Ok(Vec::new()), |python| peer::all(workspace, python))?;
+    let only = &options.only;
+    let (peers, missing) = options.peers.as_ref().map_or_else(|| Ok((Vec::new(), Vec::new())), |python| peer::all(workspace, python))?;
+    bench.skipped.extend(missing);
     let is_wanted = |recording: &&Recording| only.is_empty() || only.iter().any(|name| name == recording.name);
     for recording in RECORDINGS.iter().filter(is_wanted) {
         let folder = data.join(recording.name);
@@ -68,15 +94,17 @@ pub fn run(workspace: &Workspace, data: &Path, only: &[String], python: Option<&
             bench.skipped.push(missing_folder(recording.name, &folder));
             continue;
         }
-        measure(workspace, recording, &folder, (&peers, limit), &mut bench)?;
+        measure(workspace, recording, &folder, (&peers, options), &mut bench)?;
     }
     for recording in WALKS.iter().filter(is_wanted) {
         let folder = workspace.scratch(recording.name);
         let world = recording.name.split('-').next().unwrap_or_default();
         tracing::info!("{}, simulation", recording.name);
-        let arguments = [words(&["simulate", world]), words(WALK), words(&["--json", "-o"]), vec![folder.display().to_string()]].concat();
+        let arguments =
+            [words(&["simulate", world]), words(WALK), words(&[&options.walk_scans.to_string(), "--json", "-o"]), vec![folder.display().to_string()]]
+                .concat();
         workspace.run_json(&arguments)?;
-        measure(workspace, recording, &folder, (&peers, limit), &mut bench)?;
+        measure(workspace, recording, &folder, (&peers, options), &mut bench)?;
         workspace.remove_scratch(recording.name);
     }
     bench.machine.load_after = load();
@@ -85,7 +113,7 @@ pub fn run(workspace: &Workspace, data: &Path, only: &[String], python: Option<&
 }
 
 /// Our odometry, our closures, and the peers, on a recording.
-fn measure(workspace: &Workspace, recording: &Recording, folder: &Path, peers: (&[SlamPeer], Duration), bench: &mut SlamBench) -> Result<()> {
+fn measure(workspace: &Workspace, recording: &Recording, folder: &Path, peers: (&[SlamPeer], &Options), bench: &mut SlamBench) -> Result<()> {
     let truth = Truth::open(folder, recording.truth)?;
     bench.runs.push(odometry(workspace, recording, folder, &truth, &[])?);
     if recording.sweeps {
@@ -96,12 +124,13 @@ fn measure(workspace: &Workspace, recording: &Recording, folder: &Path, peers: (
         bench.runs.push(closures(workspace, recording, folder, &truth, None)?);
         bench.runs.push(closures(workspace, recording, folder, &truth, Some(given))?);
     }
-    let (peers, limit) = peers;
+    let (peers, options) = peers;
+    let is_for_it = |peer: &&SlamPeer| peer.closes() || recording.odometry.is_none() || !options.keyframes_for_closures;
     if !peers.is_empty() {
         let exported = Exported::write(folder, recording, &workspace.scratch("scans"))?;
-        for peer in peers {
+        for peer in peers.iter().filter(is_for_it) {
             tracing::info!("{}, {}", recording.name, peer.name());
-            match peer.run(workspace, &exported, &truth, limit)? {
+            match peer.run(workspace, &exported, &truth, options.limit)? {
                 Ok(run) => bench.runs.push(SlamRun { data: recording.name.to_owned(), ..run }),
                 Err(why) => bench.skipped.push(format!("{}: {}: {why}", recording.name, peer.name())),
             }
@@ -132,6 +161,7 @@ fn odometry(workspace: &Workspace, recording: &Recording, folder: &Path, truth: 
         scans: found.len(),
         scans_offered: truth.scans(),
         cpu_ms: answer.pointer("/cpu_ms/mean").and_then(Value::as_f64),
+        peak_rss_mb: answer["peak_rss_mb"].as_f64(),
         path: truth.path(&found),
         command: Workspace::command_line(&arguments),
         ..SlamRun::default()
@@ -168,6 +198,7 @@ fn closures(workspace: &Workspace, recording: &Recording, folder: &Path, truth: 
         scans_offered: truth.scans(),
         path: ate("rmse").zip(ate("mean")).map(|(rmse_m, mean_m)| PathScore { rmse_m, mean_m, ..PathScore::default() }),
         closures: Some(truth.closures(&claimed)),
+        peak_rss_mb: answer["peak_rss_mb"].as_f64(),
         command: Workspace::command_line(&arguments),
         note: "the time is that of mapping, too, and not given".to_owned(),
         ..SlamRun::default()

@@ -6,13 +6,15 @@
 //! quadruples x, y, z, t in the lidar's frame, returns only; where the scans have times, `time_s`, to which t is relative; and, where odometry is given,
 //! `t_map_lidar`, three rows of four numbers in a list.
 //!
-//! It prints JSON objects, one a line: `{"system": "KISS-ICP 1.3.0"}`; for each scan `{"scan": 0, "cpu_ms": 1.5, "pose": rows}` (or null); at the end,
+//! It prints JSON objects, one a line: `{"system": "KISS-ICP 1.3.0"}`; for each scan `{"scan": 0, "cpu_ms": 1.5, "pose": rows}` (or null; with `peak_rss_mb` where it is known); at the end,
 //! if they have changed, `{"poses": [rows, ..]}`; and for each closure `{"closure": [from, to], "t_from_to": rows}`, scans by number. Exit code 77: not
 //! installed; 78: it cannot do this with these scans.
 
 use super::results::{Recording, SlamRun};
 use super::score::{self, Claimed, Truth};
 use crate::error::{BenchError, Result};
+use crate::peers::environments::{EVALIO, GENZ_ICP, GENZ_LIO, KISS, PELORUS, Package, RETRO_SLAM, RKO_LIO};
+use crate::peers::{Interpreters, user_lines, write_adapter};
 use crate::process::{Outcome, command_line, run_lines};
 use crate::workspace::Workspace;
 use serde::Serialize;
@@ -25,16 +27,53 @@ use voxelastic::{Cloud, Pose};
 use voxelastic_io::dataset::{self, OpenOptions};
 use voxelastic_io::raw;
 
-/// Name, file and text of the adapters, and what they do.
-const ADAPTERS: [(&str, &str, &str, &str); 5] = [
-    ("KISS-ICP", "kiss_icp_adapter.py", include_str!("../../peers/kiss_icp_adapter.py"), "odometry"),
-    ("GenZ-ICP", "genz_icp_adapter.py", include_str!("../../peers/genz_icp_adapter.py"), "odometry"),
-    ("KISS-SLAM", "kiss_slam_adapter.py", include_str!("../../peers/kiss_slam_adapter.py"), "odometry and closures"),
-    ("MapClosures", "map_closures_adapter.py", include_str!("../../peers/map_closures_adapter.py"), "closures, odometry given"),
-    ("RKO-LIO", "rko_lio_adapter.py", include_str!("../../peers/rko_lio_adapter.py"), "odometry"),
+/// An adapter of this crate.
+struct Adapter {
+    name: &'static str,
+    file: &'static str,
+    text: &'static str,
+    /// Which of the systems in the package, where there are several.
+    argument: Option<&'static str>,
+    task: &'static str,
+    package: Package,
+}
+
+const EVALIO_FILE: (&str, &str) = ("evalio_adapter.py", include_str!("../../peers/evalio_adapter.py"));
+
+const fn evalio(name: &'static str, argument: &'static str) -> Adapter {
+    Adapter { name, file: EVALIO_FILE.0, text: EVALIO_FILE.1, argument: Some(argument), task: ODOMETRY, package: EVALIO }
+}
+
+macro_rules! adapter {
+    ($name:literal, $file:literal, $task:expr, $package:expr) => {
+        Adapter { name: $name, file: $file, text: include_str!(concat!("../../peers/", $file)), argument: None, task: $task, package: $package }
+    };
+}
+
+const ODOMETRY: &str = "odometry";
+const BOTH: &str = "odometry and closures";
+const ADAPTERS: [Adapter; 16] = [
+    adapter!("KISS-ICP", "kiss_icp_adapter.py", ODOMETRY, KISS),
+    adapter!("GenZ-ICP", "genz_icp_adapter.py", ODOMETRY, GENZ_ICP),
+    adapter!("KISS-SLAM", "kiss_slam_adapter.py", BOTH, KISS),
+    adapter!("RETRO-SLAM", "retro_slam_adapter.py", BOTH, RETRO_SLAM),
+    adapter!("MapClosures", "map_closures_adapter.py", "closures, odometry given", KISS),
+    adapter!("RKO-LIO", "rko_lio_adapter.py", ODOMETRY, RKO_LIO),
+    adapter!("GenZ-LIO", "genz_lio_adapter.py", ODOMETRY, GENZ_LIO),
+    adapter!("Pelorus", "pelorus_adapter.py", ODOMETRY, PELORUS),
+    evalio("KISS-ICP of evalio", "kiss"),
+    evalio("GenZ-ICP of evalio", "genz"),
+    evalio("MAD-ICP of evalio", "mad"),
+    evalio("CT-ICP of evalio", "ct"),
+    evalio("LOAM of evalio", "loam"),
+    evalio("FORM of evalio", "form"),
+    evalio("LIO-SAM of evalio", "liosam"),
+    evalio("DLIO of evalio", "dlio"),
 ];
 /// The module that they share.
 const SHARED: (&str, &str) = ("slam.py", include_str!("../../peers/slam.py"));
+/// Why a peer was not run that cannot do this with these scans.
+pub(crate) const NOT_FOR_THESE: &str = "not for these scans";
 /// Ranges of returns that count, metres.
 const RANGES: (f64, f64) = (0.5, 100.0);
 /// Time beyond the limit for an adapter to start and to finish a scan.
@@ -47,6 +86,8 @@ pub(crate) struct SlamPeer {
     task: &'static str,
     python: String,
     script: PathBuf,
+    argument: Option<&'static str>,
+    user_lines: Option<usize>,
 }
 
 #[derive(Debug, Serialize)]
@@ -149,15 +190,18 @@ impl Exported {
     }
 }
 
-/// All peers, run with `python`.
-pub(crate) fn all(workspace: &Workspace, python: &str) -> Result<Vec<SlamPeer>> {
-    let write = |(file, text): (&str, &str)| {
-        let script = workspace.folder().join(file);
-        fs::write(&script, text).map_err(BenchError::file(&script)).map(|()| script)
-    };
-    write(SHARED)?;
-    let peer = |(name, file, text, task)| Ok(SlamPeer { name, task, python: python.to_owned(), script: write((file, text))? });
-    ADAPTERS.into_iter().map(peer).collect()
+/// All peers, and why those are missing that cannot be installed.
+pub(crate) fn all(workspace: &Workspace, interpreters: &Interpreters) -> Result<(Vec<SlamPeer>, Vec<String>)> {
+    write_adapter(workspace, SHARED.0, SHARED.1)?;
+    let (mut found, mut missing) = (Vec::new(), Vec::new());
+    for Adapter { name, file, text, argument, task, package } in ADAPTERS {
+        let script = write_adapter(workspace, file, text)?;
+        match interpreters.of(&package) {
+            Ok(python) => found.push(SlamPeer { name, task, python, script, argument, user_lines: user_lines(text) }),
+            Err(why) => missing.push(format!("{name}: {why}")),
+        }
+    }
+    Ok((found, missing))
 }
 
 impl SlamPeer {
@@ -165,15 +209,21 @@ impl SlamPeer {
         self.name
     }
 
+    /// Whether it looks for closures.
+    pub fn closes(&self) -> bool {
+        self.task != ODOMETRY
+    }
+
     /// Runs it on the scans. The inner error says why there is no run.
     pub fn run(&self, workspace: &Workspace, exported: &Exported, truth: &Truth, limit: Duration) -> Result<std::result::Result<SlamRun, String>> {
-        let arguments = vec![self.script.display().to_string(), exported.request(limit)?.display().to_string()];
+        let mut arguments = vec![self.script.display().to_string(), exported.request(limit)?.display().to_string()];
+        arguments.extend(self.argument.map(str::to_owned));
         let mut answer = Answer::default();
         let outcome = run_lines(&self.python, &arguments, limit + GRACE, |line| answer.read_line(line))?;
         workspace.remove_scratch("request.json");
         let note = match outcome {
             Outcome::Failed(status) if status.ends_with("77") => return Ok(Err("not installed".to_owned())),
-            Outcome::Failed(status) if status.ends_with("78") => return Ok(Err("not for these scans: its adapter says above why".to_owned())),
+            Outcome::Failed(status) if status.ends_with("78") => return Ok(Err(format!("{NOT_FOR_THESE}: its adapter says above why"))),
             Outcome::Failed(status) => format!("failed: {status}"),
             Outcome::TimedOut => "stopped at the time limit".to_owned(),
             Outcome::Success => String::new(),
@@ -181,7 +231,6 @@ impl SlamPeer {
         if answer.cpu_ms.is_empty() {
             return Ok(Err(if note.is_empty() { "no answer".to_owned() } else { note }));
         }
-        let has_closures = self.task != "odometry";
         Ok(Ok(SlamRun {
             system: if answer.system.is_empty() { self.name.to_owned() } else { answer.system },
             task: self.task,
@@ -189,7 +238,9 @@ impl SlamPeer {
             scans_offered: exported.scans.len(),
             cpu_ms: Some(answer.cpu_ms.iter().sum::<f64>() / answer.cpu_ms.len() as f64),
             path: truth.path(&answer.poses),
-            closures: has_closures.then(|| truth.closures(&answer.closures)),
+            closures: self.closes().then(|| truth.closures(&answer.closures)),
+            peak_rss_mb: answer.peak_mb,
+            user_lines: self.user_lines,
             command: command_line(&self.python, &arguments),
             note,
             ..SlamRun::default()
@@ -202,6 +253,7 @@ impl SlamPeer {
 struct Answer {
     system: String,
     cpu_ms: Vec<f64>,
+    peak_mb: Option<f64>,
     poses: Vec<Pose>,
     closures: Vec<Claimed>,
 }
@@ -215,6 +267,7 @@ impl Answer {
         if let (true, Some(cpu)) = (answer.get("scan").is_some(), answer.get("cpu_ms").and_then(Value::as_f64)) {
             self.cpu_ms.push(cpu);
             self.poses.extend(answer.get("pose").and_then(score::pose));
+            self.peak_mb = answer.get("peak_rss_mb").and_then(Value::as_f64).or(self.peak_mb);
         }
         if let Some(poses) = answer.get("poses").and_then(Value::as_array) {
             self.poses = poses.iter().filter_map(score::pose).collect();
@@ -243,6 +296,11 @@ mod tests {
     }
 
     #[test]
+    fn adapters_mark_what_a_user_writes() {
+        assert!(ADAPTERS.iter().all(|adapter| user_lines(adapter.text).is_some_and(|lines| lines > 0)));
+    }
+
+    #[test]
     fn peers_that_are_not_there_are_said() {
         let folder = tempfile::tempdir().unwrap();
         let workspace = Workspace::create("none".into(), folder.path().to_owned()).unwrap();
@@ -250,7 +308,7 @@ mod tests {
         let exported = Exported { folder: folder.path().to_owned(), scans: Vec::new(), imu: None };
         for (code, said) in [(77, "not installed"), (78, "not for these scans"), (0, "no answer"), (5, "failed")] {
             fs::write(&script, format!("exit {code}")).unwrap();
-            let peer = SlamPeer { name: "X", task: "odometry", python: "/bin/sh".into(), script: script.clone() };
+            let peer = SlamPeer { name: "X", task: "odometry", python: "/bin/sh".into(), script: script.clone(), argument: None, user_lines: None };
             let why = peer.run(&workspace, &exported, &Truth::none(), Duration::from_secs(5)).unwrap().unwrap_err();
             assert!(why.contains(said), "{why}");
         }

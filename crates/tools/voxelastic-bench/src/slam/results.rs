@@ -31,6 +31,10 @@ pub struct SlamRun {
     pub scans_offered: usize,
     /// Processor time of a scan, without reading, milliseconds: mean. None where it is not measured apart from mapping.
     pub cpu_ms: Option<f64>,
+    /// Peak memory of the process, megabytes (10^6 bytes).
+    pub peak_rss_mb: Option<f64>,
+    /// Lines of code that a user of a peer writes; `null` for ours, which is a command.
+    pub user_lines: Option<usize>,
     /// Errors of its poses.
     pub path: Option<PathScore>,
     /// Its closures.
