@@ -292,7 +292,7 @@ impl LoopFinder {
         alike.truncate(self.settings.most_compared);
         let mut guesses: Vec<(usize, Guess)> = alike
             .par_iter()
-            .filter_map(|(k, _)| best_guess(&self.places[*k], place, None, voxel as f32, &self.maker).map(|guess| (*k, guess)))
+            .filter_map(|(k, _)| best_guess(&self.places[*k], place, voxel as f32, &self.maker).map(|guess| (*k, guess)))
             .collect();
         guesses.retain(|(_, guess)| guess.correlation >= self.settings.least_correlation);
         guesses.sort_by(|a, b| b.1.correlation.total_cmp(&a.1.correlation));
