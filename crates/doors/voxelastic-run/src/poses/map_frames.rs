@@ -105,8 +105,19 @@ mod tests {
     use super::*;
 
     fn located(t_map_lidar: Pose, probability: f64) -> Located {
-        let (is_certain, information) = (false, None);
-        Located { t_map_lidar, probability, is_possible: true, is_certain, overlap: 0.9, score: 0.8, contradiction: 0.0, beside: 0.0, spread: 0.02, information }
+        Located {
+            t_map_lidar,
+            probability,
+            is_possible: true,
+            is_certain: false,
+            overlap: 0.9,
+            score: 0.8,
+            contradiction: 0.0,
+            fine_contradiction: 0.0,
+            beside: 0.0,
+            spread: 0.02,
+            information: None,
+        }
     }
 
     /// Counts scans along a path, which fit where the frame lies at one of these places with these probabilities, until it is decided: after how many scans, and where.

@@ -208,8 +208,8 @@ pub fn numbered(event: Event, offset: NodeId) -> Event {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use voxelastic::{Mapper, Settings};
     use voxelastic::sensor::preset_with_columns;
+    use voxelastic::{Mapper, Settings};
     use voxelastic_sim::random::Stream;
     use voxelastic_sim::sensor::{Lidar, LidarSettings};
     use voxelastic_sim::{PoseSource, SimOptions, Simulation, WorldBuilder};
@@ -282,12 +282,15 @@ mod tests {
     fn a_room_alike_by_half_a_turn_is_told_by_several_scans() {
         let scans = half_turned_room();
         let mut mapper = Mapper::new(Settings { voxel_size: 0.1, ..Settings::default() }).unwrap();
-        scans.iter().step_by(2).for_each(|scan| drop(mapper.handle(Event::Scan(scan.clone())).unwrap()));
+        for scan in scans.iter().step_by(2) {
+            mapper.handle(Event::Scan(scan.clone())).unwrap();
+        }
         let mapping = Mapping::new(mapper, rayon::ThreadPoolBuilder::new().num_threads(2).build().unwrap(), None);
         let t_map_frame = Pose::translation(3.0, -2.0, 0.0) * Pose::rotation(nalgebra::Vector3::z() * 0.7);
         let mut search = Relocalisation::new(&mapping, false).anywhere();
         let later = scans.iter().skip(1).step_by(2).chain(scans.iter().step_by(2));
-        let moved = later.map(|scan| Event::Scan(Scan { node: 100 + scan.node, t_map_lidar: t_map_frame.inverse() * scan.t_map_lidar, ..scan.clone() }));
+        let moved =
+            later.map(|scan| Event::Scan(Scan { node: 100 + scan.node, t_map_lidar: t_map_frame.inverse() * scan.t_map_lidar, ..scan.clone() }));
         let found = moved.into_iter().find_map(|scan| search.take(scan, &mapping));
         assert!(matches!(found, Some(Outcome::InMap(found)) if is_same(&found.t_map_frame, &t_map_frame)), "after {} scans", search.scans());
     }

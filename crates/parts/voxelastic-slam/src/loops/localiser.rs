@@ -50,7 +50,7 @@ impl Default for LocaliserSettings {
             min_range: 0.5,
             max_range: 100.0,
             most_compared: 30,
-            most_registered: 8,
+            most_registered: 12,
             least_overlap: 0.5,
             most_contradiction: 0.05,
         }
@@ -73,6 +73,8 @@ const DIRECTIONS: usize = 72;
 /// Poses so near each other are the same, and guesses are of the same place: voxels, and radians.
 const SAME: (f64, f64) = (2.0, 0.2);
 const SAME_GUESS: (f64, f64) = (4.0, 0.35);
+/// Guesses of one place that are registered, at most.
+const GUESSES_OF_A_PLACE: usize = 2;
 /// Rays of a scan or a place that are followed in fine voxels, at most.
 const MOST_RAYS: usize = 16_000;
 
@@ -131,8 +133,7 @@ impl Localiser {
         let points = surfels(&view.scans, voxel);
         let free = FreeSpace::new(&view.views(), voxel as f32);
         let free_fine = FreeSpace::with_rays(&view.views(), free_voxel(voxel), MOST_RAYS);
-        let circle = share_of_circle(&used, &view.level);
-        let limits = self.limits(circle);
+        let limits = self.limits(share_of_circle(&used, &view.level));
         let mut candidates: Vec<Candidate> = Vec::new();
         about.iter().for_each(|about| self.add_candidates(&view, voxel, about.as_ref(), &mut candidates));
         let found = candidates.par_iter().filter_map(|candidate| {
@@ -147,7 +148,7 @@ impl Localiser {
             let back = FreeSpace::new(&place.views(), voxel as f32).contradiction(&view.views(), t)?;
             let contradiction = free.contradiction(&place.views(), &t.inverse())?.max(back);
             let back = FreeSpace::with_rays(&place.views(), free_voxel(voxel), MOST_RAYS).contradiction(&view.views(), t)?;
-            let fine = free_fine.contradiction(&place.views(), &t.inverse())?.max(back);
+            let fine_contradiction = free_fine.contradiction(&place.views(), &t.inverse())?.max(back);
             Some(Located {
                 t_map_lidar,
                 probability: 0.0,
@@ -156,8 +157,7 @@ impl Localiser {
                 overlap: found.overlap,
                 score: found.score,
                 contradiction,
-                fine,
-                circle,
+                fine_contradiction,
                 beside: beside(&place.scans, &points, t, voxel).unwrap_or(1.0),
                 spread: found.spread,
                 information: None,
@@ -243,11 +243,11 @@ impl Localiser {
         };
         let mut found: Vec<Candidate> = alike.par_iter().flat_map_iter(guesses_at).collect();
         found.sort_by(|a, b| b.guess.correlation.total_cmp(&a.guess.correlation));
-        // Neighbours guess the same; what else it could be must not be crowded out.
+        // Neighbours guess the same; what else it could be must not be crowded out. One of them may lead astray, so two are tried.
         let most = candidates.len() + self.settings.most_registered;
         for candidate in found {
-            let is_same = |other: &Candidate| is_near(&other.t_map_lidar, &candidate.t_map_lidar, (SAME_GUESS.0 * voxel, SAME_GUESS.1));
-            if candidates.len() < most && !candidates.iter().any(is_same) {
+            let is_same = |other: &&Candidate| is_near(&other.t_map_lidar, &candidate.t_map_lidar, (SAME_GUESS.0 * voxel, SAME_GUESS.1));
+            if candidates.len() < most && candidates.iter().filter(is_same).count() < GUESSES_OF_A_PLACE {
                 candidates.push(candidate);
             }
         }

@@ -4,8 +4,8 @@ use crate::common::logit::{Choice, Features, fitted, probabilities};
 use crate::storeys::{STOREY, building, walk};
 use voxelastic::event::{Event, Scan};
 use voxelastic::geometry::PoseExt;
-use voxelastic::surface::MeshOptions;
 use voxelastic::sensor::preset_with_columns;
+use voxelastic::surface::MeshOptions;
 use voxelastic::{Cloud, Mapper, Pose, Settings};
 use voxelastic_io::{OpenOptions, dataset};
 use voxelastic_sim::random::Stream;
@@ -82,7 +82,8 @@ fn near(poses: &[Pose], seed: u64, count: usize) -> Vec<Pose> {
     let mut random = Stream::new(seed, &[7]);
     let mut shifted = || {
         let at = poses[random.index(poses.len())];
-        at * Pose::translation(random.range(-0.3, 0.3), random.range(-0.3, 0.3), 0.0) * Pose::rotation(nalgebra::Vector3::z() * random.range(0.0, 6.2))
+        at * Pose::translation(random.range(-0.3, 0.3), random.range(-0.3, 0.3), 0.0)
+            * Pose::rotation(nalgebra::Vector3::z() * random.range(0.0, 6.2))
     };
     (0..count).map(|_| shifted()).collect()
 }
@@ -91,7 +92,8 @@ fn near(poses: &[Pose], seed: u64, count: usize) -> Vec<Pose> {
 fn storeys(seed: u64, differing: f64) -> Vec<Sample> {
     let (world, walk) = (building(seed, differing), walk());
     let is_low = |pose: &&Pose| pose.translation.z < 1.5;
-    let [low, high]: [Vec<Pose>; 2] = [walk.iter().filter(is_low).copied().collect(), walk.iter().filter(|p| p.translation.z > STOREY + 1.3).copied().collect()];
+    let [low, high]: [Vec<Pose>; 2] =
+        [walk.iter().filter(is_low).copied().collect(), walk.iter().filter(|p| p.translation.z > STOREY + 1.3).copied().collect()];
     let scans = [near(&low, seed, 5), near(&high, seed + 1, 5)].map(|poses| seen(&world, poses.into_iter(), seed + 100));
     let mut mapped = [low, high].map(|poses| seen(&world, poses.into_iter().step_by(5), seed));
     let mut lower = localiser(&mapped[0], 0.1);
@@ -170,7 +172,7 @@ fn samples() -> Vec<Sample> {
 }
 
 fn choice(sample: &Sample) -> Choice {
-    let features = |l: &Located| [1.0, l.overlap, l.contradiction, l.fine, l.beside];
+    let features = |l: &Located| [1.0, l.overlap, l.contradiction, l.fine_contradiction, l.beside];
     Choice { candidates: sample.located.iter().map(features).collect(), right: sample.right }
 }
 
@@ -198,7 +200,8 @@ fn look_alike_places_are_as_probable_as_is_said() {
         let others = choice(sample).candidates.into_iter().enumerate().filter(|(k, _)| sample.right != Some(*k));
         Choice { candidates: others.map(|(_, features)| features).collect(), right: None }
     };
-    let [even, odd] = [0, 1].map(|rest| samples.iter().filter(|s| s.seed % 2 == rest).flat_map(|s| [choice(s), without_right(s)]).collect::<Vec<_>>());
+    let [even, odd] =
+        [0, 1].map(|rest| samples.iter().filter(|s| s.seed % 2 == rest).flat_map(|s| [choice(s), without_right(s)]).collect::<Vec<_>>());
     let weights: Features = fitted(&even);
     println!("weights {weights:.2?} from even seeds, {:.2?} from all", fitted(&[&even[..], &odd[..]].concat()));
     let said = odd.iter().flat_map(|c| probabilities(&weights, &c.candidates).into_iter().enumerate().map(|(k, p)| (p, c.right == Some(k))));
@@ -215,21 +218,13 @@ fn look_alike_places_are_as_probable_as_is_said() {
             let certain: Vec<&&Sample> = of.iter().filter(|s| s.located.first().is_some_and(|l| l.is_certain)).collect();
             let false_ones = certain.iter().filter(|s| s.right != Some(0)).count();
             let found = of.iter().filter(|s| s.right.is_some()).count();
-            println!("{kind}, mapped {is_mapped}: {} scans, {found} with the right place among the candidates, {} certain, {false_ones} of these wrong", of.len(), certain.len());
+            println!(
+                "{kind}, mapped {is_mapped}: {} scans, {found} with the right place among the candidates, {} certain, {false_ones} of these wrong",
+                of.len(),
+                certain.len()
+            );
             wrong += if is_mapped { false_ones } else { 0 };
         }
     }
     assert_eq!(wrong, 0, "certain and wrong, though the place was mapped");
-}
-
-#[test]
-#[ignore = "temporary"]
-fn look_alike_places_dump() {
-    let samples = samples();
-    for (n, s) in samples.iter().enumerate() {
-        println!("S {n} {} {} {} {:?}", s.kind.replace(' ', "_"), s.seed, s.is_mapped, s.right.map_or(-1, |r| r as i32));
-        for l in &s.located {
-            println!("C {n} {:.4} {:.4} {:.4} {:.4} {:.4} {:.3} {}", l.overlap, l.score, l.contradiction, l.fine, l.beside, l.circle, u8::from(l.is_certain));
-        }
-    }
 }

@@ -246,10 +246,15 @@ pub fn run(args: &LocalizeArgs, quiet: bool) -> anyhow::Result<u8> {
 fn log_candidates(node: NodeId, is_certain: bool, candidates: &[Candidate]) {
     let percent = |p: f64| 100.0 * p;
     let none = 1.0 - candidates.iter().map(|c| c.probability).sum::<f64>();
-    let place = |c: &Candidate| format!("{:.1} % at {:.2}, {:.2}, {:.2}", percent(c.probability), c.t_map_lidar[0], c.t_map_lidar[1], c.t_map_lidar[2]);
+    let place =
+        |c: &Candidate| format!("{:.1} % at {:.2}, {:.2}, {:.2}", percent(c.probability), c.t_map_lidar[0], c.t_map_lidar[1], c.t_map_lidar[2]);
     let places: Vec<String> = candidates.iter().filter(|c| c.probability >= LEAST_SAID).map(place).collect();
     let certain = if is_certain { ", certain" } else { "" };
-    tracing::info!("scan {node}{certain}: {}{:.1} % none of these", places.iter().map(|place| format!("{place}; ")).collect::<String>(), percent(none));
+    tracing::info!(
+        "scan {node}{certain}: {}{:.1} % none of these",
+        places.iter().map(|place| format!("{place}; ")).collect::<String>(),
+        percent(none)
+    );
 }
 
 fn log_summary(s: &Summary) {

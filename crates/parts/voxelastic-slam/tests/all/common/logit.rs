@@ -24,7 +24,8 @@ pub fn probabilities(weights: &Features, candidates: &[Features]) -> Vec<f64> {
 pub fn fitted(choices: &[Choice]) -> Features {
     const RIDGE: f64 = 1e-3;
     let count: f64 = choices.iter().map(|c| c.candidates.len() as f64).sum();
-    let scale: Features = std::array::from_fn(|k| (choices.iter().flat_map(|c| &c.candidates).map(|f| f[k] * f[k]).sum::<f64>() / count).sqrt().max(1e-6));
+    let scale: Features =
+        std::array::from_fn(|k| (choices.iter().flat_map(|c| &c.candidates).map(|f| f[k] * f[k]).sum::<f64>() / count).sqrt().max(1e-6));
     // In features of unit size.
     let (mut weights, mut slope) = ([0.0; FEATURES], [0.0; FEATURES]);
     for _ in 0..4000 {
