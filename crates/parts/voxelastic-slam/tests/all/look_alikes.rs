@@ -1,6 +1,6 @@
 //! How probable is it that a scan was taken where it seems to be? Weights for the model, and how true its probabilities are, on places that look alike.
 
-use crate::common::logit::{Choice, Features, fitted, probabilities};
+use crate::common::logit::{Doubts, shares, weights_against_none, weights_among};
 use crate::storeys::{STOREY, building, walk};
 use voxelastic::event::{Event, Scan};
 use voxelastic::geometry::PoseExt;
@@ -171,9 +171,28 @@ fn samples() -> Vec<Sample> {
     samples
 }
 
-fn choice(sample: &Sample) -> Choice {
-    let features = |l: &Located| [1.0, l.overlap, l.contradiction, l.fine_contradiction, l.beside];
-    Choice { candidates: sample.located.iter().map(features).collect(), right: sample.right }
+fn doubts(located: &Located) -> Doubts {
+    [100.0 * located.fine_contradiction, 100.0 * located.beside]
+}
+
+/// The possible places of scans that have the right one among them, and which it is.
+fn choices<'a>(samples: impl Iterator<Item = &'a Sample>) -> Vec<(Vec<Doubts>, usize)> {
+    let choice = |sample: &Sample| {
+        let right = sample.right.filter(|right| sample.located[*right].is_possible)?;
+        let possible: Vec<usize> = (0..sample.located.len()).filter(|k| sample.located[*k].is_possible).collect();
+        Some((possible.iter().map(|k| doubts(&sample.located[*k])).collect(), possible.iter().position(|k| *k == right)?))
+    };
+    samples.filter_map(choice).collect()
+}
+
+/// Places that are right, and those that scans of other places fit best.
+fn right_and_elsewhere(samples: &[Sample]) -> Vec<(Doubts, bool)> {
+    let place = |sample: &Sample| match sample.right {
+        Some(right) => Some((doubts(&sample.located[right]), true)),
+        None if sample.kind == "elsewhere" => Some((doubts(sample.located.first()?), false)),
+        None => None,
+    };
+    samples.iter().filter_map(place).collect()
 }
 
 /// Of places said with a probability from `LEVELS[k]` on: how many, what was said on average, and the share that is right.
@@ -189,23 +208,18 @@ fn table(title: &str, said: impl Iterator<Item = (f64, bool)>) {
     }
 }
 
-/// Fits the weights to scans of even seeds, and says how true the probabilities are of the others, and those of the library of all. Some minutes:
+/// Fits the weights, and says how true the probabilities are: of scans of odd seeds by weights of even ones, and of all by those of the library. Some minutes:
 /// `cargo test --release -p voxelastic-slam --test all -- --ignored --nocapture look_alike`.
 #[test]
 #[ignore = "takes minutes"]
 fn look_alike_places_are_as_probable_as_is_said() {
     let samples = samples();
-    // The place of a scan may not have been mapped: the other candidates are all wrong then.
-    let without_right = |sample: &Sample| {
-        let others = choice(sample).candidates.into_iter().enumerate().filter(|(k, _)| sample.right != Some(*k));
-        Choice { candidates: others.map(|(_, features)| features).collect(), right: None }
-    };
-    let [even, odd] =
-        [0, 1].map(|rest| samples.iter().filter(|s| s.seed % 2 == rest).flat_map(|s| [choice(s), without_right(s)]).collect::<Vec<_>>());
-    let weights: Features = fitted(&even);
-    println!("weights {weights:.2?} from even seeds, {:.2?} from all", fitted(&[&even[..], &odd[..]].concat()));
-    let said = odd.iter().flat_map(|c| probabilities(&weights, &c.candidates).into_iter().enumerate().map(|(k, p)| (p, c.right == Some(k))));
-    table("odd seeds, by weights of even ones", said);
+    let [even, odd] = [0, 1].map(|rest| choices(samples.iter().filter(|s| s.seed % 2 == rest)));
+    let weights = weights_among(&even);
+    let (all, none) = (weights_among(&choices(samples.iter())), weights_against_none(&right_and_elsewhere(&samples)));
+    println!("weights in percent: {weights:.2?} of even seeds, {all:.2?} of all; against none {none:.2?}");
+    let said = odd.iter().flat_map(|(places, right)| shares(&weights, places).into_iter().enumerate().map(|(k, p)| (p, k == *right)));
+    table("odd seeds, by weights of even ones, where one is right", said);
     table("all, by the library", samples.iter().flat_map(|s| s.located.iter().enumerate().map(|(k, l)| (l.probability, s.right == Some(k)))));
     let mut wrong = 0;
     let mut kinds: Vec<&str> = samples.iter().map(|s| s.kind).collect();

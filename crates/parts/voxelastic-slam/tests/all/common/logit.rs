@@ -1,46 +1,57 @@
-//! A choice among candidates and none of them, each by a weight that grows with its features: the model by which places are probable, and the fit of its weights.
+//! Fits of logistic models of what speaks against a place, in percent.
 
-/// Features of a candidate; the first is 1.
-pub type Features = [f64; FEATURES];
-/// Number of features.
-pub const FEATURES: usize = 5;
+/// What speaks against a place.
+pub type Doubts = [f64; 2];
 
-/// Candidates, and which of them is right, if any is.
-#[derive(Clone, Debug)]
-pub struct Choice {
-    pub candidates: Vec<Features>,
-    pub right: Option<usize>,
+/// A large weight counts against it a little, so that what is perfectly told apart has weights, too.
+const RIDGE: f64 = 1e-3;
+
+/// Weights for each of many choices among places, by the doubts of these and which is right: the probability of a place falls with the sum of its doubts.
+pub fn weights_among(choices: &[(Vec<Doubts>, usize)]) -> Doubts {
+    ascended(|weights: &Doubts| {
+        let mut gradient = weights.map(|w| -2.0 * RIDGE * w);
+        for (places, right) in choices {
+            for (k, p) in shares(weights, places).into_iter().enumerate() {
+                let off = p - f64::from(u8::from(k == *right));
+                (0..2).for_each(|i| gradient[i] += off * places[k][i] / choices.len() as f64);
+            }
+        }
+        gradient
+    })
 }
 
-/// Probability of each candidate; what is left is that of none.
-pub fn probabilities(weights: &Features, candidates: &[Features]) -> Vec<f64> {
-    let exponent = |features: &Features| features.iter().zip(weights).map(|(f, w)| f * w).sum::<f64>().min(50.0);
-    let odds: Vec<f64> = candidates.iter().map(|features| exponent(features).exp()).collect();
-    let sum = 1.0 + odds.iter().sum::<f64>();
+/// The probability of each place, if one of them is right.
+pub fn shares(weights: &Doubts, places: &[Doubts]) -> Vec<f64> {
+    let doubt = |place: &Doubts| weights[0] * place[0] + weights[1] * place[1];
+    let least = places.iter().map(doubt).fold(f64::INFINITY, f64::min);
+    let odds: Vec<f64> = places.iter().map(|place| (least - doubt(place)).exp()).collect();
+    let sum: f64 = odds.iter().sum();
     odds.into_iter().map(|odds| odds / sum).collect()
 }
 
-/// The weights that make what was chosen most likely, by gradient ascent; large weights count against it a little.
-pub fn fitted(choices: &[Choice]) -> Features {
-    const RIDGE: f64 = 1e-3;
-    let count: f64 = choices.iter().map(|c| c.candidates.len() as f64).sum();
-    let scale: Features =
-        std::array::from_fn(|k| (choices.iter().flat_map(|c| &c.candidates).map(|f| f[k] * f[k]).sum::<f64>() / count).sqrt().max(1e-6));
-    // In features of unit size.
-    let (mut weights, mut slope) = ([0.0; FEATURES], [0.0; FEATURES]);
-    for _ in 0..4000 {
-        let scaled: Features = std::array::from_fn(|k| weights[k] / scale[k]);
-        let mut gradient: Features = std::array::from_fn(|k| -RIDGE * weights[k]);
-        for choice in choices {
-            for (k, (features, p)) in choice.candidates.iter().zip(probabilities(&scaled, &choice.candidates)).enumerate() {
-                let off = f64::from(u8::from(choice.right == Some(k))) - p;
-                (0..FEATURES).for_each(|i| gradient[i] += off * features[i] / scale[i] / choices.len() as f64);
-            }
+/// Logarithm of the odds of a place without doubts, and how much it falls with these, by places that are right or not.
+pub fn weights_against_none(places: &[(Doubts, bool)]) -> [f64; 3] {
+    ascended(|weights: &[f64; 3]| {
+        let mut gradient = [0.04, 1.0, 1.0].map(|ridge| -2.0 * RIDGE * ridge);
+        gradient.iter_mut().zip(weights).for_each(|(gradient, weight)| *gradient *= weight);
+        for ([fine, beside], is_right) in places {
+            let odds = (weights[0] - weights[1] * fine - weights[2] * beside).exp();
+            let off = (f64::from(u8::from(*is_right)) - odds / (1.0 + odds)) / places.len() as f64;
+            [off, -off * fine, -off * beside].into_iter().zip(&mut gradient).for_each(|(part, gradient)| *gradient += part);
         }
-        for i in 0..FEATURES {
-            slope[i] = 0.95 * slope[i] + gradient[i];
-            weights[i] += slope[i];
+        gradient
+    })
+}
+
+/// Where the gradient leads to.
+fn ascended<const N: usize>(gradient: impl Fn(&[f64; N]) -> [f64; N]) -> [f64; N] {
+    let (mut weights, mut speed) = ([0.0; N], [0.0; N]);
+    for _ in 0..20_000 {
+        let slope = gradient(&weights);
+        for k in 0..N {
+            speed[k] = 0.9 * speed[k] + 0.02 * slope[k];
+            weights[k] += speed[k];
         }
     }
-    std::array::from_fn(|k| weights[k] / scale[k])
+    weights
 }
