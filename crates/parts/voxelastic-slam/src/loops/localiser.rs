@@ -35,7 +35,7 @@ pub struct LocaliserSettings {
     pub max_range: f64,
     /// Places whose images are compared with that of the scan.
     pub most_compared: usize,
-    /// Places to which the scan is registered.
+    /// Guesses to which the scan is registered, at most two of one place.
     pub most_registered: usize,
     /// Least share of the scan's surfaces with a counterpart in the map, of a scan all around; the less it sees of the circle, the more of it must be there.
     pub least_overlap: f64,
@@ -112,8 +112,7 @@ impl Localiser {
         self.locate_all(cloud, about).into_iter().next()
     }
 
-    /// As [`locate`](Self::locate), with the other places that the scan was registered to: the best first, which is refined, and then by how well it fits. Empty where
-    /// that is `None`.
+    /// As [`locate`](Self::locate), with the other places that the scan was registered to: the most probable first, which alone is refined. Empty where that is `None`.
     pub fn locate_all(&mut self, cloud: &Cloud, about: Option<Whereabouts>) -> Vec<Located> {
         self.locate_among(cloud, &[about])
     }

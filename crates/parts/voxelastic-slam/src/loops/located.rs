@@ -5,9 +5,9 @@ use voxelastic::geometry::{Pose, PoseExt};
 
 /// How much the logarithm of a place's weight among the others falls with its fine contradiction, and with what lies beside. Fitted to places that look alike, simulated and recorded
 /// (`docs/experiments/elastic/look-alikes.md`), as are the odds below.
-const AMONG: [f64; 2] = [218.0, 284.0];
+const AMONG: [f64; 2] = [320.0, 320.0];
 /// Logarithm of the odds of the best place against none, and how much it falls with the same.
-const AGAINST_NONE: (f64, [f64; 2]) = (7.9, [33.0, 46.0]);
+const AGAINST_NONE: (f64, [f64; 2]) = (10.7, [48.0, 57.0]);
 /// Another place whose quality is at least this share of the best's fits as well.
 const AS_GOOD: f64 = 0.97;
 /// Probability of a place that is certain.

@@ -4,7 +4,7 @@
 pub type Doubts = [f64; 2];
 
 /// A large weight counts against it a little, so that what is perfectly told apart has weights, too.
-const RIDGE: f64 = 1e-3;
+const RIDGE: f64 = 1e-4;
 
 /// Weights for each of many choices among places, by the doubts of these and which is right: the probability of a place falls with the sum of its doubts.
 pub fn weights_among(choices: &[(Vec<Doubts>, usize)]) -> Doubts {
