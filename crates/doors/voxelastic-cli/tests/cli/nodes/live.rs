@@ -289,7 +289,8 @@ fn a_node_that_explores_plans_and_maps_what_it_would_map_otherwise() {
         assert!(help.contains(flag), "{flag}: {help}");
     }
     room::write(&dir.path().join("room"), 16);
-    let flags = format!("--from room --rate 2 --field both --robot-radius 0.6 {QUICK} --json");
+    // Slowly enough that a machine with other work looks for the frontier before the end.
+    let flags = format!("--from room --rate 0.5 --field both --robot-radius 0.6 {QUICK} --json");
     let plain = json(dir.path(), &format!("live -o plain.vox --foxglove=127.0.0.1:0 {flags}"));
     let live = json(dir.path(), &format!("live -o explored.vox --foxglove=127.0.0.1:0 --explore --explore-time 600 {flags}"));
     let planned = &live["exploration"];
