@@ -141,7 +141,7 @@ class Location(NamedTuple):
     pose: NDArray[np.float64]
     """The lidar frame in the map frame, 4 x 4."""
     probability: float
-    """How probable it is that the scan was taken here, 0 to 1. What is left of this and those of the alternatives is the probability of none of them: the place was not mapped, or was missed."""
+    """How probable it is that the scan was taken here, 0 to 1, if it was taken at one of the possible places: whether it was, overlap and contradiction say. 0 where it is not possible."""
     is_certain: bool
     """Whether it is probable (0.99), enough of the scan's surfaces are in the map, and nearly none of them where it is free, or the other way round, and no other place fits as well. A scan that sees less of the circle must fit better."""
     overlap: float

@@ -120,7 +120,7 @@ impl Relocalisation {
         let located = mapping.pool().install(|| self.locate(scan));
         self.held.push(event);
         let is_unmapped = self.path.iter().all(|(_, seen)| seen.translation_distance(&pose) > self.max_range);
-        let is_nowhere = !located.first().is_some_and(|best| best.is_possible && best.probability > 0.5);
+        let is_nowhere = !located.iter().any(|place| place.is_possible);
         if self.has_frame && (self.localiser.is_none() || is_nowhere && is_unmapped && self.about.is_none()) {
             tracing::info!("the scans go on in a place that was not mapped: their poses are taken as they are");
             return Some(Outcome::InFrame(std::mem::take(&mut self.held)));

@@ -4,10 +4,8 @@ use nalgebra::Matrix6;
 use voxelastic::geometry::{Pose, PoseExt};
 
 /// How much the logarithm of a place's weight among the others falls with its fine contradiction, and with what lies beside. Fitted to places that look alike, simulated and recorded
-/// (`docs/experiments/elastic/look-alikes.md`), as are the odds below.
+/// (`docs/experiments/elastic/look-alikes.md`).
 const AMONG: [f64; 2] = [320.0, 320.0];
-/// Logarithm of the odds of the best place against none, and how much it falls with the same.
-const AGAINST_NONE: (f64, [f64; 2]) = (10.7, [48.0, 57.0]);
 /// Another place whose quality is at least this share of the best's fits as well.
 const AS_GOOD: f64 = 0.97;
 /// Probability of a place that is certain.
@@ -18,7 +16,7 @@ const CERTAIN: f64 = 0.99;
 pub struct Located {
     /// Pose of the lidar in the map frame.
     pub t_map_lidar: Pose,
-    /// How probable it is that the scan was taken here, 0 to 1. What is left of all places is the probability of none of them: that the place was not mapped, or was missed.
+    /// How probable it is that the scan was taken here, 0 to 1, if it was taken at one of the possible places: whether it was, their overlap and contradiction say.
     pub probability: f64,
     /// Whether overlap and contradiction are within their limits.
     pub is_possible: bool,
@@ -46,8 +44,8 @@ impl Located {
     }
 
     /// What speaks against the place: contradiction and what lies beside, each weighed.
-    fn doubt(&self, weights: [f64; 2]) -> f64 {
-        weights[0] * self.fine_contradiction + weights[1] * self.beside
+    fn doubt(&self) -> f64 {
+        AMONG[0] * self.fine_contradiction + AMONG[1] * self.beside
     }
 }
 
@@ -60,19 +58,17 @@ pub(super) fn judged(mut found: Vec<Located>, same: (f64, f64)) -> Vec<Located> 
             distinct.push(located);
         }
     }
-    let least = |places: &mut dyn Iterator<Item = &Located>, weights| places.map(|l| l.doubt(weights)).fold(f64::INFINITY, f64::min);
     let possible = |l: &&Located| l.is_possible;
     // What a map makes of noise must not decide between places that fit as well.
-    let doubt = least(&mut distinct.iter().filter(possible), AMONG);
-    let quality = distinct.iter().filter(possible).filter(|l| l.doubt(AMONG) <= doubt).map(Located::quality).fold(0.0, f64::max);
+    let doubt = distinct.iter().filter(possible).map(Located::doubt).fold(f64::INFINITY, f64::min);
+    let quality = distinct.iter().filter(possible).filter(|l| l.doubt() <= doubt).map(Located::quality).fold(0.0, f64::max);
     let fits_as_well = |l: &Located| l.is_possible && l.quality() >= AS_GOOD * quality;
     let weights: Vec<f64> =
-        distinct.iter().map(|l| if fits_as_well(l) { 1.0 } else { f64::from(u8::from(l.is_possible)) * (doubt - l.doubt(AMONG)).exp() }).collect();
+        distinct.iter().map(|l| if fits_as_well(l) { 1.0 } else { f64::from(u8::from(l.is_possible)) * (doubt - l.doubt()).exp() }).collect();
     let sum: f64 = weights.iter().sum();
-    let fits = 1.0 / (1.0 + (least(&mut distinct.iter().filter(possible), AGAINST_NONE.1) - AGAINST_NONE.0).exp());
     let has_rival = distinct.iter().filter(|l| fits_as_well(l)).count() > 1;
     for (located, weight) in distinct.iter_mut().zip(weights) {
-        located.probability = if sum > 0.0 { fits * weight / sum } else { 0.0 };
+        located.probability = if sum > 0.0 { weight / sum } else { 0.0 };
         located.is_certain = located.probability >= CERTAIN && !has_rival;
     }
     // Of equals, the one that fits best stays first.

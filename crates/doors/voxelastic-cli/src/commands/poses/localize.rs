@@ -25,7 +25,7 @@ use voxelastic_slam::loops::{Localiser, LocaliserSettings, Located, Whereabouts}
 /// Find where in a map scans were taken
 ///
 /// Each scan is localised by itself, from an unknown start: places of the map that look like it from above are found for all headings at once, and
-/// the scan is registered to the best of them. Each has a probability; what is left is that of none of them. A place is not certain, and not written, if too few of
+/// the scan is registered to the best of them. Each that is possible has a probability among these. A place is not certain, and not written, if too few of
 /// the scan's surfaces are in the map, or if surfaces of the map are in space that the scan saw to be free, or if it is less than 99 % probable, or if another place
 /// fits as well. The less of the circle a scan sees, the better it must fit.
 #[derive(Debug, Args)]
@@ -245,16 +245,12 @@ pub fn run(args: &LocalizeArgs, quiet: bool) -> anyhow::Result<u8> {
 /// The places of a scan that are not quite improbable.
 fn log_candidates(node: NodeId, is_certain: bool, candidates: &[Candidate]) {
     let percent = |p: f64| 100.0 * p;
-    let none = 1.0 - candidates.iter().map(|c| c.probability).sum::<f64>();
     let place =
         |c: &Candidate| format!("{:.1} % at {:.2}, {:.2}, {:.2}", percent(c.probability), c.t_map_lidar[0], c.t_map_lidar[1], c.t_map_lidar[2]);
     let places: Vec<String> = candidates.iter().filter(|c| c.probability >= LEAST_SAID).map(place).collect();
     let certain = if is_certain { ", certain" } else { "" };
-    tracing::info!(
-        "scan {node}{certain}: {}{:.1} % none of these",
-        places.iter().map(|place| format!("{place}; ")).collect::<String>(),
-        percent(none)
-    );
+    let places = if places.is_empty() { "at no place that is possible".to_owned() } else { places.join("; ") };
+    tracing::info!("scan {node}{certain}: {places}");
 }
 
 fn log_summary(s: &Summary) {
