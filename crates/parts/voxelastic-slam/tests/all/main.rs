@@ -5,6 +5,7 @@
 mod common;
 mod drift;
 mod graphs;
+mod look_alikes;
 mod loops;
 mod lost;
 mod odometry;

@@ -1,4 +1,5 @@
 //! What several tests need.
 
 pub mod drive;
+pub mod logit;
 pub mod numbers;
