@@ -66,8 +66,8 @@ pub struct Localiser {
     inner: Arc<Mutex<voxelastic_slam::loops::Localiser>>,
 }
 
-/// Pose, probability, whether it is certain, overlap, contradiction, share of surfaces beside the map's, spread in metres, information.
-type Location = ([[f64; 4]; 4], f64, bool, f64, f64, f64, f64, Option<[[f64; 6]; 6]>);
+/// Pose, whether it is certain, overlap, contradiction, spread in metres, information.
+type Location = ([[f64; 4]; 4], bool, f64, f64, f64, Option<[[f64; 6]; 6]>);
 
 #[pymethods]
 impl Localiser {
@@ -103,8 +103,7 @@ impl Localiser {
         let found = job::run(py, locate)??;
         let location = |found: &Located| {
             let information = found.information.map(|matrix| std::array::from_fn(|i| std::array::from_fn(|j| matrix[(i, j)])));
-            let Located { t_map_lidar, probability, is_certain, overlap, contradiction, beside, spread, .. } = found;
-            (arrays::matrix_of_pose(t_map_lidar), *probability, *is_certain, *overlap, *contradiction, *beside, *spread, information)
+            (arrays::matrix_of_pose(&found.t_map_lidar), found.is_certain, found.overlap, found.contradiction, found.spread, information)
         };
         Ok(found.iter().map(location).collect())
     }

@@ -328,7 +328,7 @@ impl MappingRun {
         self.begin_anew(mapper, log, observer);
         self.poses.go_on(first_node, Some(origin));
         let has_frame = self.poses.is_raw() != Some(true);
-        let search = Some(Box::new(Relocalisation::new(&self.mapping, has_frame).anywhere()));
+        let search = Some(Box::new(Relocalisation::new(&self.mapping, has_frame)));
         self.alignment = Alignment { search, last_node, t_map_frame: None };
         Ok(())
     }

@@ -48,8 +48,7 @@ impl FreeSpace {
         Self::with_rays(views, voxel, MOST_RAYS)
     }
 
-    /// The same, with so many rays at most.
-    pub(crate) fn with_rays(views: &[View<'_>], voxel: f32, most: usize) -> Self {
+    fn with_rays(views: &[View<'_>], voxel: f32, most: usize) -> Self {
         let mut space = Self { voxel, index: VoxelIndex::default(), passed: Vec::new(), is_surface: Vec::new() };
         let rays: usize = views.iter().map(|view| view.points.len()).sum();
         let step = rays.div_ceil(most).max(1);

@@ -140,22 +140,18 @@ class Location(NamedTuple):
 
     pose: NDArray[np.float64]
     """The lidar frame in the map frame, 4 x 4."""
-    probability: float
-    """How probable it is that the scan was taken here, 0 to 1, if it was taken at one of the possible places: whether it was, overlap and contradiction say. 0 where it is not possible."""
     is_certain: bool
-    """Whether it is probable (0.99), enough of the scan's surfaces are in the map, and nearly none of them where it is free, or the other way round, and no other place fits as well. A scan that sees less of the circle must fit better."""
+    """Whether enough of the scan's surfaces are in the map, and nearly none of them where it is free, or the other way round, and no other place fits as well. A scan that sees less of the circle must fit better."""
     overlap: float
     """Share of the scan's surfaces with a counterpart in the map, 0 to 1."""
     contradiction: float
     """Share of surfaces in space that was observed to be free, 0 to 1: of the map's in the scan's, or of the scan's in the map's, whichever is larger."""
-    beside: float
-    """Share of the scan's surfaces beside those of the map, where the map has any near, 0 to 1."""
     spread: float
     """Robust mean distance of the scan's surfaces to those of the map, metres."""
     information: NDArray[np.float64] | None
     """6 x 6 information of the pose: translation (1 / m^2) before rotation (1 / rad^2), in the lidar frame; none where the pose was not refined, as those of alternatives."""
     alternatives: list[Location]
-    """Other places that the scan was compared with more closely, best first: where one is nearly as probable, the place is ambiguous."""
+    """Other places that the scan was compared with more closely, best first: where one is nearly as good, the place is ambiguous."""
 
     @property
     def covariance(self) -> NDArray[np.float64] | None:
@@ -212,15 +208,5 @@ class Localiser:
         return found[0]._replace(alternatives=found[1:]) if found else None
 
 
-def _location(
-    pose: list[list[float]],
-    probability: float,
-    is_certain: bool,
-    overlap: float,
-    contradiction: float,
-    beside: float,
-    spread: float,
-    information: list[list[float]] | None,
-) -> Location:
-    known = None if information is None else np.array(information)
-    return Location(np.array(pose), probability, is_certain, overlap, contradiction, beside, spread, known, [])
+def _location(pose: list[list[float]], is_certain: bool, overlap: float, contradiction: float, spread: float, information: list[list[float]] | None) -> Location:
+    return Location(np.array(pose), is_certain, overlap, contradiction, spread, None if information is None else np.array(information), [])

@@ -333,7 +333,7 @@ class Localiser:
         rows: int,
         times: NDArray[np.float32] | None,
         guess: tuple[Sequence[float], float] | None,
-    ) -> list[tuple[list[list[float]], float, bool, float, float, float, float, list[list[float]] | None]]:
+    ) -> list[tuple[list[list[float]], bool, float, float, float, list[list[float]] | None]]:
         """The first fields of `voxelastic.Location`, the best first; none if the scan has no returns or fits nowhere. `guess`: a position, and a distance from it in metres."""
 
 @final

@@ -1,7 +1,6 @@
 //! Where the poses of scans come from: they are given, the odometry finds them, or a map of before does.
 
 mod jumps;
-mod map_frames;
 mod odometry_log;
 mod odometry_stage;
 mod pose_watch;

@@ -1,20 +1,22 @@
 //! Where in the map of before the scans are that come after the process was restarted.
 //!
 //! What carries a sensor does not wait: it may have moved meanwhile, odometry begins anew, and whoever gives poses may have begun anew, too. So the first scans are
-//! found in the map before they are mapped: where their poses say, near the last scan, or anywhere. Until then they wait. Where places look alike, several scans decide together.
+//! found in the map before they are mapped: where their poses say, near the last scan, or anywhere. Until then they wait. What is said once may be a place that
+//! only looks alike, so two scans have to say the same.
 
-use super::map_frames::{MapFrames, is_same};
 use crate::mapping::Mapping;
 use crate::surfaces::{self, SurfaceOptions};
 use voxelastic::Pose;
 use voxelastic::event::{Edge, Event, NodeId, Scan};
 use voxelastic::geometry::PoseExt;
-use voxelastic_slam::loops::{Localiser, LocaliserSettings, Located, Whereabouts};
+use voxelastic_slam::loops::{Localiser, LocaliserSettings, Whereabouts};
 
 /// Scans that wait at most. One that waits takes as much memory as its points.
 const MAX_WAITING_SCANS: usize = 20;
 /// A scan is looked for so far from where its given pose says, and from where the last one was, metres.
 const SEARCH_RADII: [f64; 2] = [5.0, 10.0];
+/// Two scans say the same, and a scan says what its pose says, if that differs by no more than this: metres, and radians.
+const AGREEMENT: (f64, f64) = (0.5, 0.05);
 
 /// Finds the first scans in the map.
 pub struct Relocalisation {
@@ -23,8 +25,6 @@ pub struct Relocalisation {
     has_frame: bool,
     /// Where the map was observed from.
     path: Vec<(NodeId, Pose)>,
-    /// Whether the scans are expected where the last one of the map was taken.
-    goes_on: bool,
     max_range: f64,
     /// About where somebody says that they are.
     about: Option<Whereabouts>,
@@ -33,8 +33,8 @@ pub struct Relocalisation {
     /// What waits.
     held: Vec<Event>,
     scans: usize,
-    /// Where the frame of the poses may lie in the map.
-    frames: MapFrames,
+    /// Where the frame of the poses lies in the map, by each scan that was found.
+    t_map_frames: Vec<Pose>,
 }
 
 /// Where the frame of the poses lies in the map, if it is another one.
@@ -58,7 +58,7 @@ pub enum Outcome {
 }
 
 impl Relocalisation {
-    /// Into the map of `mapping`, in which the scans go on: where the last one was taken, they are expected.
+    /// Into the map of `mapping`.
     pub fn new(mapping: &Mapping, has_frame: bool) -> Self {
         let (atlas, settings) = (mapping.atlas(), mapping.mapper().settings());
         let scans = atlas.submaps().iter().flat_map(|submap| submap.scans().iter().map(move |scan| (submap, scan)));
@@ -75,20 +75,13 @@ impl Relocalisation {
             localiser,
             has_frame,
             path,
-            goes_on: true,
             max_range,
             about: None,
             most_scans: MAX_WAITING_SCANS,
             held: Vec::new(),
             scans: 0,
-            frames: MapFrames::default(),
+            t_map_frames: Vec::new(),
         }
-    }
-
-    /// The same in a map that somebody has chosen: it tells nothing of where the scans are.
-    #[must_use]
-    pub fn anywhere(self) -> Self {
-        Self { goes_on: false, ..self }
     }
 
     /// Scans that wait.
@@ -105,7 +98,7 @@ impl Relocalisation {
             about.position.z = near.translation.z;
         }
         (self.about, self.most_scans) = (Some(about), self.scans + MAX_WAITING_SCANS);
-        self.frames = MapFrames::default();
+        self.t_map_frames.clear();
         about
     }
 
@@ -118,65 +111,53 @@ impl Relocalisation {
         self.scans += 1;
         let (pose, node) = (scan.t_map_lidar, scan.node);
         let located = mapping.pool().install(|| self.locate(scan));
-        self.held.push(event);
         let is_unmapped = self.path.iter().all(|(_, seen)| seen.translation_distance(&pose) > self.max_range);
-        let is_nowhere = !located.iter().any(|place| place.is_possible);
-        if self.has_frame && (self.localiser.is_none() || is_nowhere && is_unmapped && self.about.is_none()) {
+        self.held.push(event);
+        let give = |held: &mut Vec<Event>| std::mem::take(held);
+        if self.has_frame && (self.localiser.is_none() || located.is_none() && is_unmapped && self.about.is_none()) {
             tracing::info!("the scans go on in a place that was not mapped: their poses are taken as they are");
-            return Some(Outcome::InFrame(std::mem::take(&mut self.held)));
+            return Some(Outcome::InFrame(give(&mut self.held)));
         }
-        let last = self.path.last().filter(|_| self.goes_on).map(|(_, last)| *last);
-        let is_expected = |place: &Pose| last.is_some_and(|last| last.translation_distance(place) <= SEARCH_RADII[1]);
-        self.frames.count(&pose, &located, |place| self.has_frame && is_same(place, &pose), is_expected);
-        if let Some((t_map_frame, is_given)) = self.frames.decided() {
-            return Some(self.found(node, &pose, &t_map_frame, is_given));
+        if let Some(located) = located {
+            if self.has_frame && is_same(&located, &pose) {
+                tracing::info!("found in the map, {:.2} m from where the pose says: mapping goes on", located.translation_distance(&pose));
+                return Some(Outcome::InFrame(give(&mut self.held)));
+            }
+            let t_map_frame = located * pose.inverse();
+            if self.t_map_frames.iter().any(|t_map_frame| is_same(&(t_map_frame * pose), &located)) {
+                let near = self.path.iter().min_by(|a, b| a.1.translation_distance(&located).total_cmp(&b.1.translation_distance(&located)));
+                let edge = near.map(|(from, at)| Edge { from: *from, to: node, t_from_to: at.inv_mul(&located), information: None });
+                let far = self.path.last().map_or(0.0, |(_, last)| last.translation_distance(&located));
+                tracing::info!("found in the map, {far:.1} m from the last scan of before: mapping goes on");
+                return Some(Outcome::InMap(Box::new(MapFrame { t_map_frame, edge, held: give(&mut self.held) })));
+            }
+            self.t_map_frames.push(t_map_frame);
         }
-        let why = if self.localiser.is_none() {
-            "the map of before has no surfaces".to_owned()
-        } else if self.scans >= self.most_scans {
-            self.why_undecided()
-        } else {
-            return None;
-        };
-        Some(Outcome::NotFound(why, std::mem::take(&mut self.held)))
-    }
-
-    /// The scan at a node, with this pose in the frame of its poses, is found: that frame lies there in the map.
-    fn found(&mut self, node: NodeId, pose: &Pose, t_map_frame: &Pose, is_given: bool) -> Outcome {
-        let held = std::mem::take(&mut self.held);
-        let located = t_map_frame * pose;
-        if is_given {
-            tracing::info!("found in the map, {:.2} m from where the pose says: mapping goes on", located.translation_distance(pose));
-            return Outcome::InFrame(held);
+        if self.localiser.is_none() {
+            return Some(Outcome::NotFound("the map of before has no surfaces".to_owned(), give(&mut self.held)));
         }
-        let near = self.path.iter().min_by(|a, b| a.1.translation_distance(&located).total_cmp(&b.1.translation_distance(&located)));
-        let edge = near.map(|(from, at)| Edge { from: *from, to: node, t_from_to: at.inv_mul(&located), information: None });
-        let far = self.path.last().map_or(0.0, |(_, last)| last.translation_distance(&located));
-        tracing::info!("found in the map, {far:.1} m from the last scan of before: mapping goes on");
-        Outcome::InMap(Box::new(MapFrame { t_map_frame: *t_map_frame, edge, held }))
-    }
-
-    fn why_undecided(&self) -> String {
         let place = if self.about.is_some() { "where they were said to be" } else { "in the map of before" };
-        match self.frames.rivals() {
-            0 | 1 => format!("none of {} scans is surely {place}", self.scans),
-            rivals => format!("{} scans are ambiguous: they may have been taken at {rivals} places {place}", self.scans),
-        }
+        (self.scans >= self.most_scans).then(|| Outcome::NotFound(format!("none of {} scans is surely {place}", self.scans), give(&mut self.held)))
     }
 
-    /// Where the scan may be: where somebody said, or else where its pose says, near the last scan, or anywhere.
-    fn locate(&mut self, scan: &Scan) -> Vec<Located> {
-        let Some(localiser) = self.localiser.as_mut() else { return Vec::new() };
+    /// Where the scan surely is, if that is found: where somebody said, or else where its pose says, near the last scan, or anywhere.
+    fn locate(&mut self, scan: &Scan) -> Option<Pose> {
+        let localiser = self.localiser.as_mut()?;
+        let mut find = |about| localiser.locate(&scan.cloud, about).filter(|found| found.is_certain).map(|found| found.t_map_lidar);
         if self.about.is_some() {
-            return localiser.locate_all(&scan.cloud, self.about);
+            return find(self.about);
         }
         let x = scan.t_map_lidar.rotation * nalgebra::Vector3::x();
         let at = |pose: &Pose, within, yaw| Whereabouts { position: pose.translation.vector, within, yaw };
         let said = self.has_frame.then(|| at(&scan.t_map_lidar, SEARCH_RADII[0], Some(x.y.atan2(x.x))));
         let last = self.path.last().map(|(_, last)| at(last, SEARCH_RADII[1], None));
-        let tries: Vec<Option<Whereabouts>> = said.into_iter().chain(last).map(Some).chain([None]).collect();
-        localiser.locate_among(&scan.cloud, &tries)
+        let mut tries = said.into_iter().chain(last).map(Some).chain([None]);
+        tries.find_map(find)
     }
+}
+
+fn is_same(a: &Pose, b: &Pose) -> bool {
+    a.translation_distance(b) <= AGREEMENT.0 && a.rotation_distance(b) <= AGREEMENT.1
 }
 
 /// The event in the map, in which the frame of its poses lies there.
@@ -208,11 +189,8 @@ pub fn numbered(event: Event, offset: NodeId) -> Event {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use voxelastic::sensor::preset_with_columns;
     use voxelastic::{Mapper, Settings};
-    use voxelastic_sim::random::Stream;
-    use voxelastic_sim::sensor::{Lidar, LidarSettings};
-    use voxelastic_sim::{PoseSource, SimOptions, Simulation, WorldBuilder};
+    use voxelastic_sim::{PoseSource, SimOptions, Simulation};
 
     /// A map of the same room twice, 40 m from each other, and the scans of the room.
     fn two_rooms() -> (Mapping, Vec<Scan>, Pose) {
@@ -248,51 +226,6 @@ mod tests {
         let about = search.look_near(Whereabouts { position, within: 4.0, yaw: None });
         assert!((about.position.z - place.z).abs() < 0.3, "the height is that of the places of the map");
         assert!(is_same(&found(search), &Pose::identity()));
-    }
-
-    #[test]
-    fn rooms_that_are_the_same_stay_ambiguous() {
-        let (mapping, scans, _) = two_rooms();
-        let mut search = Relocalisation::new(&mapping, false).anywhere();
-        let numbered = (0..).zip(scans.iter().cycle()).map(|(k, scan)| Event::Scan(Scan { node: 100 + k, ..scan.clone() }));
-        let outcome = numbered.take(MAX_WAITING_SCANS).find_map(|scan| search.take(scan, &mapping));
-        assert!(matches!(outcome, Some(Outcome::NotFound(words, held)) if words.contains("ambiguous") && held.len() == MAX_WAITING_SCANS));
-    }
-
-    /// A room of 9 x 6 m that looks alike by half a turn, but for a cupboard in one corner, and scans along it.
-    fn half_turned_room() -> Vec<Scan> {
-        let mut world = WorldBuilder::new("room", 1);
-        world.cuboid([-4.7, -3.2, -0.2], [4.7, 3.2, 0.0], 0.5);
-        world.cuboid([-4.7, -3.2, 2.8], [4.7, 3.2, 3.0], 0.5);
-        for (x, y, to_x, to_y) in [(-4.7, -3.2, -4.5, 3.2), (-4.5, -3.2, 4.5, -3.0), (-4.0, -3.0, -3.2, -2.5), (0.5, -3.0, 1.5, -2.4)] {
-            world.cuboid([x, y, 0.0], [to_x, to_y, 2.8], 0.5);
-            world.cuboid([-to_x, -to_y, 0.0], [-x, -y, 2.8], 0.5);
-        }
-        world.cuboid([3.8, -3.0, 0.0], [4.5, -2.2, 1.9], 0.5);
-        let (world, lidar) = (world.build().unwrap(), Lidar::new(preset_with_columns("os0-64", 256).unwrap(), LidarSettings::default()).unwrap());
-        let scan = |k: u64| {
-            let turned = Pose::rotation(nalgebra::Vector3::z() * 0.3 * k as f64);
-            let t_map_lidar = Pose::translation(0.7 * k as f64 - 3.2, 0.8 * (k as f64).sin(), 1.2) * turned;
-            Scan { node: k, time: k as f64, t_map_lidar, cloud: lidar.scan(&world, |_| t_map_lidar, &Stream::new(1, &[k])) }
-        };
-        (0..10).map(scan).collect()
-    }
-
-    #[test]
-    fn a_room_alike_by_half_a_turn_is_told_by_several_scans() {
-        let scans = half_turned_room();
-        let mut mapper = Mapper::new(Settings { voxel_size: 0.1, ..Settings::default() }).unwrap();
-        for scan in scans.iter().step_by(2) {
-            mapper.handle(Event::Scan(scan.clone())).unwrap();
-        }
-        let mapping = Mapping::new(mapper, rayon::ThreadPoolBuilder::new().num_threads(2).build().unwrap(), None);
-        let t_map_frame = Pose::translation(3.0, -2.0, 0.0) * Pose::rotation(nalgebra::Vector3::z() * 0.7);
-        let mut search = Relocalisation::new(&mapping, false).anywhere();
-        let later = scans.iter().skip(1).step_by(2).chain(scans.iter().step_by(2));
-        let moved =
-            later.map(|scan| Event::Scan(Scan { node: 100 + scan.node, t_map_lidar: t_map_frame.inverse() * scan.t_map_lidar, ..scan.clone() }));
-        let found = moved.into_iter().find_map(|scan| search.take(scan, &mapping));
-        assert!(matches!(found, Some(Outcome::InMap(found)) if is_same(&found.t_map_frame, &t_map_frame)), "after {} scans", search.scans());
     }
 
     #[test]

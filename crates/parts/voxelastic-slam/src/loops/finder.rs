@@ -290,8 +290,10 @@ impl LoopFinder {
             self.places.iter().enumerate().filter(|(_, other)| is_elsewhere(other)).map(|(k, other)| (k, likeness(other))).collect();
         alike.sort_by(|a, b| b.1.total_cmp(&a.1));
         alike.truncate(self.settings.most_compared);
-        let mut guesses: Vec<(usize, Guess)> =
-            alike.par_iter().filter_map(|(k, _)| best_guess(&self.places[*k], place, voxel as f32, &self.maker).map(|guess| (*k, guess))).collect();
+        let mut guesses: Vec<(usize, Guess)> = alike
+            .par_iter()
+            .filter_map(|(k, _)| best_guess(&self.places[*k], place, None, voxel as f32, &self.maker).map(|guess| (*k, guess)))
+            .collect();
         guesses.retain(|(_, guess)| guess.correlation >= self.settings.least_correlation);
         guesses.sort_by(|a, b| b.1.correlation.total_cmp(&a.1.correlation));
         guesses.truncate(self.settings.most_registered);

@@ -1,15 +1,13 @@
 //! Where in a map a scan was taken, from an unknown start.
 
 use super::align::align;
-use super::beside::beside;
-use super::located::{Located, is_near, judged};
-use super::overlap::{Guess, HEADING_ERROR, guesses, turn_between};
-use super::place::{Keyframe, Place, free_voxel, surfels, thinned};
+use super::overlap::{Guess, HEADING_ERROR, best_guess, turn_between};
+use super::place::{Keyframe, Place, surfels, thinned};
 use super::signature::SignatureMaker;
 use crate::deskew::returns;
 use crate::free_space::FreeSpace;
 use crate::registration::{Downsampler, LocalMap, RegistrationSettings, automatic_voxel_size, register};
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::{Matrix6, UnitQuaternion, Vector3};
 use rayon::prelude::*;
 use voxelastic::Cloud;
 use voxelastic::geometry::{Pose, PoseExt, Rigid};
@@ -35,7 +33,7 @@ pub struct LocaliserSettings {
     pub max_range: f64,
     /// Places whose images are compared with that of the scan.
     pub most_compared: usize,
-    /// Guesses to which the scan is registered, at most two of one place.
+    /// Places to which the scan is registered.
     pub most_registered: usize,
     /// Least share of the scan's surfaces with a counterpart in the map, of a scan all around; the less it sees of the circle, the more of it must be there.
     pub least_overlap: f64,
@@ -50,7 +48,7 @@ impl Default for LocaliserSettings {
             min_range: 0.5,
             max_range: 100.0,
             most_compared: 30,
-            most_registered: 12,
+            most_registered: 5,
             least_overlap: 0.5,
             most_contradiction: 0.05,
         }
@@ -68,24 +66,31 @@ pub struct Whereabouts {
     pub yaw: Option<f64>,
 }
 
+/// Where a scan was taken.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Located {
+    /// Pose of the lidar in the map frame.
+    pub t_map_lidar: Pose,
+    /// Share of the scan's surfaces with a counterpart in the map.
+    pub overlap: f64,
+    /// Mean weight of the scan's surfaces, 1 where all lie on the map's.
+    pub score: f64,
+    /// Share of the surfaces of the map in space that the scan saw to be free, or of the scan in such space of the map: the larger one.
+    pub contradiction: f64,
+    /// Whether overlap and contradiction are within their limits, and no other place fits as well.
+    pub is_certain: bool,
+    /// Robust mean distance of the scan's surfaces to those of the map, metres.
+    pub spread: f64,
+    /// Information of the pose in the lidar frame (x y z roll pitch yaw), inverse square metres and radians, of a pose that was refined.
+    pub information: Option<Matrix6<f64>>,
+}
+
 /// Directions in which a scan is asked for returns, to know how much of the circle it sees.
 const DIRECTIONS: usize = 72;
-/// Poses so near each other are the same, and guesses are of the same place: voxels, and radians.
+/// Another place whose quality is at least this share of the best's fits as well.
+const AS_GOOD: f64 = 0.97;
+/// Poses so near each other are the same, voxels; and radians.
 const SAME: (f64, f64) = (2.0, 0.2);
-const SAME_GUESS: (f64, f64) = (4.0, 0.35);
-/// Guesses of one place that are registered, at most.
-const GUESSES_OF_A_PLACE: usize = 2;
-/// Rays of a scan or a place that are followed in fine voxels, at most.
-const MOST_RAYS: usize = 16_000;
-
-/// What a scan is registered to.
-struct Candidate {
-    /// Number of the place.
-    place: usize,
-    guess: Guess,
-    /// The guess in the map frame.
-    t_map_lidar: Pose,
-}
 
 /// Localises scans in a map.
 #[derive(Debug)]
@@ -112,14 +117,9 @@ impl Localiser {
         self.locate_all(cloud, about).into_iter().next()
     }
 
-    /// As [`locate`](Self::locate), with the other places that the scan was registered to: the most probable first, which alone is refined. Empty where that is `None`.
+    /// As [`locate`](Self::locate), with the other places that the scan was registered to: the best first, which is refined, and then by how well it fits. Empty where
+    /// that is `None`.
     pub fn locate_all(&mut self, cloud: &Cloud, about: Option<Whereabouts>) -> Vec<Located> {
-        self.locate_among(cloud, &[about])
-    }
-
-    /// As [`locate_all`](Self::locate_all), about each of these, and anywhere where one is `None`: what is looked for in a part of a large map is not crowded out by what looks
-    /// like the scan elsewhere.
-    pub fn locate_among(&mut self, cloud: &Cloud, about: &[Option<Whereabouts>]) -> Vec<Located> {
         let mut used = Vec::new();
         returns(cloud, cloud.motion.as_ref(), [self.settings.min_range, self.settings.max_range], &mut used);
         if used.is_empty() {
@@ -131,42 +131,46 @@ impl Localiser {
         let Some(view) = Place::new(&[&scan], voxel, &self.maker) else { return Vec::new() };
         let points = surfels(&view.scans, voxel);
         let free = FreeSpace::new(&view.views(), voxel as f32);
-        let free_fine = FreeSpace::with_rays(&view.views(), free_voxel(voxel), MOST_RAYS);
+        let candidates = self.candidates(&view, voxel, about.as_ref());
         let limits = self.limits(share_of_circle(&used, &view.level));
-        let mut candidates: Vec<Candidate> = Vec::new();
-        about.iter().for_each(|about| self.add_candidates(&view, voxel, about.as_ref(), &mut candidates));
-        let found = candidates.par_iter().filter_map(|candidate| {
-            let place = &self.places[candidate.place];
-            let found = align(place, &points, &candidate.guess, voxel)?;
+        let found = candidates.par_iter().filter_map(|(k, guess)| {
+            let place = &self.places[*k];
+            let found = align(place, &points, guess, voxel)?;
             let t = &found.t_map_lidar;
-            let t_map_lidar = place.t_map_anchor * t;
-            if !about.iter().any(|about| about.is_none_or(|about| about.admits(&t_map_lidar))) {
+            if about.is_some_and(|about| !about.admits(&(place.t_map_anchor * t))) {
                 return None;
             }
             // Rays to what the map has behind a wall mark the wall's inside as free, where no scan has surfaces.
             let back = FreeSpace::new(&place.views(), voxel as f32).contradiction(&view.views(), t)?;
             let contradiction = free.contradiction(&place.views(), &t.inverse())?.max(back);
-            let back = FreeSpace::with_rays(&place.views(), free_voxel(voxel), MOST_RAYS).contradiction(&view.views(), t)?;
-            let fine_contradiction = free_fine.contradiction(&place.views(), &t.inverse())?.max(back);
             Some(Located {
-                t_map_lidar,
-                probability: 0.0,
-                is_possible: found.overlap >= limits.0 && contradiction <= limits.1,
-                is_certain: false,
+                t_map_lidar: place.t_map_anchor * found.t_map_lidar,
                 overlap: found.overlap,
                 score: found.score,
                 contradiction,
-                fine_contradiction,
-                beside: beside(&place.scans, &points, t, voxel).unwrap_or(1.0),
+                is_certain: found.overlap >= limits.0 && contradiction <= limits.1,
                 spread: found.spread,
                 information: None,
             })
         });
-        let mut found = judged(found.collect(), (SAME.0 * voxel, SAME.1));
-        if let Some(best) = found.first_mut() {
+        let mut found: Vec<Located> = found.collect();
+        let quality = |l: &Located| l.score * (1.0 - 4.0 * l.contradiction);
+        // Of equals, the last was the best so far.
+        found.reverse();
+        found.sort_by(|a, b| quality(b).total_cmp(&quality(a)));
+        let mut distinct: Vec<Located> = Vec::new();
+        for located in found {
+            if distinct.iter().all(|better| !is_same(&better.t_map_lidar, &located.t_map_lidar, voxel)) {
+                distinct.push(located);
+            }
+        }
+        let has_rival = |best: &Located| distinct[1..].iter().any(|other| other.is_certain && quality(other) >= AS_GOOD * quality(best));
+        let is_alone = distinct.first().is_some_and(|best| !has_rival(best));
+        if let Some(best) = distinct.first_mut() {
+            best.is_certain &= is_alone;
             *best = self.refined(best, &used, voxel).unwrap_or(*best);
         }
-        found
+        distinct
     }
 
     /// The least overlap and the largest contradiction of a scan that sees this share of the circle.
@@ -222,34 +226,27 @@ impl Localiser {
         voxel
     }
 
-    /// Adds places that look like the scan, best first, each with a guess that is not among the candidates yet.
-    fn add_candidates(&self, view: &Place, voxel: f64, about: Option<&Whereabouts>, candidates: &mut Vec<Candidate>) {
+    /// Places that look like the scan, best first.
+    fn candidates(&self, view: &Place, voxel: f64, about: Option<&Whereabouts>) -> Vec<(usize, Guess)> {
         // A scan is near the place that it fits.
-        let is_about = |place: &Place| about.is_none_or(|about| about.distance(&place.t_map_anchor) <= about.within + SPACING * voxel);
+        let is_near = |place: &Place| about.is_none_or(|about| about.distance(&place.t_map_anchor) <= about.within + SPACING * voxel);
         let likeness = |place: &Place| self.maker.compare(&place.signature, &view.signature, 1).first().map_or(-1.0, |l| l.score);
         let mut alike: Vec<(usize, f32)> =
-            self.places.par_iter().enumerate().filter(|(_, place)| is_about(place)).map(|(k, place)| (k, likeness(place))).collect();
+            self.places.par_iter().enumerate().filter(|(_, place)| is_near(place)).map(|(k, place)| (k, likeness(place))).collect();
         alike.sort_by(|a, b| b.1.total_cmp(&a.1));
         alike.truncate(self.settings.most_compared);
         let turned = |place: &Place| {
             let levelled = place.t_map_anchor.rotation * place.level.inverse();
             Some(about?.yaw? - heading(&levelled) - heading(&view.level))
         };
-        let guesses_at = |(k, _): &(usize, f32)| {
+        let guess_at = |(k, _): &(usize, f32)| {
             let place = &self.places[*k];
-            let candidate = |guess: Guess| Candidate { place: *k, t_map_lidar: place.t_map_anchor * guess.t_first_second, guess };
-            guesses(place, view, turned(place), voxel as f32, &self.maker).into_iter().map(candidate).collect::<Vec<_>>()
+            best_guess(place, view, turned(place), voxel as f32, &self.maker).map(|guess| (*k, guess))
         };
-        let mut found: Vec<Candidate> = alike.par_iter().flat_map_iter(guesses_at).collect();
-        found.sort_by(|a, b| b.guess.correlation.total_cmp(&a.guess.correlation));
-        // Neighbours guess the same; what else it could be must not be crowded out. One of them may lead astray, so two are tried.
-        let most = candidates.len() + self.settings.most_registered;
-        for candidate in found {
-            let is_same = |other: &&Candidate| is_near(&other.t_map_lidar, &candidate.t_map_lidar, (SAME_GUESS.0 * voxel, SAME_GUESS.1));
-            if candidates.len() < most && candidates.iter().filter(is_same).count() < GUESSES_OF_A_PLACE {
-                candidates.push(candidate);
-            }
-        }
+        let mut guesses: Vec<(usize, Guess)> = alike.par_iter().filter_map(guess_at).collect();
+        guesses.sort_by(|a, b| b.1.correlation.total_cmp(&a.1.correlation));
+        guesses.truncate(self.settings.most_registered);
+        guesses
     }
 }
 
@@ -274,6 +271,10 @@ fn share_of_circle(returns: &[[f32; 3]], level: &UnitQuaternion<f64>) -> f64 {
     }
     // A few returns are of what is right above or below.
     returns_towards.iter().filter(|count| **count * 10 * DIRECTIONS > returns.len()).count() as f64 / DIRECTIONS as f64
+}
+
+fn is_same(a: &Pose, b: &Pose, voxel: f64) -> bool {
+    a.translation_distance(b) < SAME.0 * voxel && a.rotation_distance(b) < SAME.1
 }
 
 /// The direction of the x axis, radians.

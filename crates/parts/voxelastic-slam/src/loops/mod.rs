@@ -7,13 +7,11 @@
 //! other place saw to be free, and if the poses can be as wrong as it says, by what they got wrong along the way.
 
 mod align;
-mod beside;
 mod density_image;
 mod drift;
 mod finder;
 mod fine_surface;
 mod localiser;
-mod located;
 mod overlap;
 mod place;
 mod place_book;
@@ -26,8 +24,7 @@ mod visible;
 
 pub(crate) use align::settings as registration_settings;
 pub use finder::{Closure, LoopFinder, Searches, Verdict};
-pub use localiser::{Localiser, LocaliserSettings, Whereabouts};
-pub use located::Located;
+pub use localiser::{Localiser, LocaliserSettings, Located, Whereabouts};
 pub(crate) use place::{PlaceScan, levels, surfels, thinned};
 pub use place_book::{PlaceBook, PlaceDescriptors, PlacePair};
 pub use settings::LoopSettings;

@@ -155,7 +155,7 @@ impl PlaceBook {
         let maker = SignatureMaker::new();
         let guess = |pair: &PlacePair| {
             let (a, b) = (self.places.get(pair.first)?, second.places.get(pair.second)?);
-            let guess = best_guess(a, b, self.voxel as f32, &maker)?;
+            let guess = best_guess(a, b, None, self.voxel as f32, &maker)?;
             (guess.correlation >= settings.least_correlation).then_some((pair.second, a, b, guess))
         };
         let mut guesses: Vec<_> = pairs.par_iter().filter_map(guess).collect();

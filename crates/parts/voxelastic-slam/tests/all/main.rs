@@ -5,7 +5,6 @@
 mod common;
 mod drift;
 mod graphs;
-mod look_alikes;
 mod loops;
 mod lost;
 mod odometry;

@@ -14,12 +14,12 @@ use voxelastic_slam::odometry::OdometrySettings;
 use voxelastic_slam::slam::{RawScan, Slam};
 
 /// Height of a storey, metres.
-pub const STOREY: f64 = 3.0;
+const STOREY: f64 = 3.0;
 /// A closure is false beyond this distance from the truth, metres.
 const FALSE: f64 = 0.5;
 
 /// Two storeys around a stairwell, corridors of 2 m around a core of 14 x 8 m; `differing` of the pieces of furniture of the upper one are others than below.
-pub fn building(seed: u64, differing: f64) -> World {
+fn building(seed: u64, differing: f64) -> World {
     let mut world = WorldBuilder::new("storeys", seed);
     let mut put = |a: [f64; 3], b: [f64; 3]| world.cuboid(a, b, 0.5);
     for z in [0.0, STOREY] {
@@ -70,7 +70,7 @@ pub fn building(seed: u64, differing: f64) -> World {
 }
 
 /// Around the lower storey, up the stairs, and around the upper one.
-pub fn walk() -> Vec<Pose> {
+fn walk() -> Vec<Pose> {
     let ring = |z: f64| [[8.0, 0.0, z], [8.0, 5.0, z], [-8.0, 5.0, z], [-8.0, -5.0, z], [8.0, -5.0, z], [8.0, -0.6, z]];
     let h = 1.4;
     let stairs = [[5.2, -0.6, h], [2.0, -0.6, h + 1.5], [1.2, -0.6, h + 1.5], [1.2, 0.6, h + 1.5], [2.0, 0.6, h + 1.5], [5.0, 0.6, h + STOREY]];

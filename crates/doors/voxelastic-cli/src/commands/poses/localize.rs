@@ -20,14 +20,14 @@ use voxelastic_io::{Origin, dataset, poses};
 use voxelastic_run::joining::numbers;
 use voxelastic_run::precision::LARGEST;
 use voxelastic_run::{HoldOut, Warnings, map_files, surfaces};
-use voxelastic_slam::loops::{Localiser, LocaliserSettings, Located, Whereabouts};
+use voxelastic_slam::loops::{Localiser, LocaliserSettings, Whereabouts};
 
 /// Find where in a map scans were taken
 ///
 /// Each scan is localised by itself, from an unknown start: places of the map that look like it from above are found for all headings at once, and
-/// the scan is registered to the best of them. Each that is possible has a probability among these. A place is not certain, and not written, if too few of
-/// the scan's surfaces are in the map, or if surfaces of the map are in space that the scan saw to be free, or if it is less than 99 % probable, or if another place
-/// fits as well. The less of the circle a scan sees, the better it must fit.
+/// the scan is registered to the best of them. It is not certain, and not written, if too few of its surfaces are in the map, or if surfaces
+/// of the map are in space that the scan saw to be free, or if another place fits as well. The less
+/// of the circle a scan sees, the better it must fit.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   voxelastic localize hall.vox visit.bag -o visit.tum
@@ -66,9 +66,6 @@ pub struct LocalizeArgs {
     #[command(flatten)]
     surface: SurfaceArgs,
 }
-
-/// Places that are less probable are not said in words.
-const LEAST_SAID: f64 = 0.001;
 
 /// A position, and a yaw in radians.
 type Guess = (Vector3<f64>, Option<f64>);
@@ -134,27 +131,8 @@ struct Row {
     t_map_lidar: Option<[f64; 7]>,
     overlap: Option<f64>,
     contradiction: Option<f64>,
-    /// All places that it may have been taken at, the best first.
-    candidates: Vec<Candidate>,
     error_m: Option<f64>,
     error_deg: Option<f64>,
-}
-
-/// A place at which a scan may have been taken.
-#[derive(Debug, Serialize)]
-struct Candidate {
-    t_map_lidar: [f64; 7],
-    probability: f64,
-    overlap: f64,
-    contradiction: f64,
-    beside: f64,
-}
-
-impl Candidate {
-    fn of(found: &Located, origin: &Origin) -> Self {
-        let Located { probability, overlap, contradiction, beside, .. } = *found;
-        Self { t_map_lidar: numbers(&origin.to_map(found.t_map_lidar)), probability, overlap, contradiction, beside }
-    }
 }
 
 /// Runs the command.
@@ -186,8 +164,7 @@ pub fn run(args: &LocalizeArgs, quiet: bool) -> anyhow::Result<u8> {
             }
         };
         let begin = Instant::now();
-        let all = pool.install(|| localiser.locate_all(&scan.cloud, whereabouts));
-        let found = all.first();
+        let found = pool.install(|| localiser.locate(&scan.cloud, whereabouts));
         if rows.is_empty() {
             prepare_s = clock.elapsed().as_secs_f64();
         } else {
@@ -197,8 +174,6 @@ pub fn run(args: &LocalizeArgs, quiet: bool) -> anyhow::Result<u8> {
         if let Some(found) = found.filter(|f| f.is_certain) {
             trajectory.push((scan.time, origin.to_map(found.t_map_lidar)));
         }
-        let candidates: Vec<Candidate> = all.iter().map(|found| Candidate::of(found, &origin)).collect();
-        log_candidates(scan.node, certain, &candidates);
         let error = found.zip(truth.as_ref().and_then(|truth| truth.iter().find(|(node, _)| *node == scan.node)));
         rows.push(Row {
             node: scan.node,
@@ -207,7 +182,6 @@ pub fn run(args: &LocalizeArgs, quiet: bool) -> anyhow::Result<u8> {
             t_map_lidar: found.map(|f| numbers(&origin.to_map(f.t_map_lidar))),
             overlap: found.map(|f| f.overlap),
             contradiction: found.map(|f| f.contradiction),
-            candidates,
             error_m: error.map(|(found, (_, right))| found.t_map_lidar.translation_distance(right)),
             error_deg: error.map(|(found, (_, right))| found.t_map_lidar.rotation_distance(right).to_degrees()),
         });
@@ -240,17 +214,6 @@ pub fn run(args: &LocalizeArgs, quiet: bool) -> anyhow::Result<u8> {
         output::print_json(&summary)?;
     }
     Ok(if summary.interrupted { failure::INTERRUPTED } else { failure::DONE })
-}
-
-/// The places of a scan that are not quite improbable.
-fn log_candidates(node: NodeId, is_certain: bool, candidates: &[Candidate]) {
-    let percent = |p: f64| 100.0 * p;
-    let place =
-        |c: &Candidate| format!("{:.1} % at {:.2}, {:.2}, {:.2}", percent(c.probability), c.t_map_lidar[0], c.t_map_lidar[1], c.t_map_lidar[2]);
-    let places: Vec<String> = candidates.iter().filter(|c| c.probability >= LEAST_SAID).map(place).collect();
-    let certain = if is_certain { ", certain" } else { "" };
-    let places = if places.is_empty() { "at no place that is possible".to_owned() } else { places.join("; ") };
-    tracing::info!("scan {node}{certain}: {places}");
 }
 
 fn log_summary(s: &Summary) {

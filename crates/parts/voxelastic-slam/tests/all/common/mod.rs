@@ -1,5 +1,4 @@
 //! What several tests need.
 
 pub mod drive;
-pub mod logit;
 pub mod numbers;
