@@ -270,7 +270,9 @@ nonsense = call("plan", GetPlanRequest, GetPlanResponse, stamped("base_link", 0.
 seen["plan_from_nonsense"] = len(nonsense.plan.poses)
 in_grid()
 corrected, surface = network.writer(f"{SPACE}/corrected", t.Path), old_walls.Surface()
-last_of = lambda topic, count: lambda: (lambda came: count(came[-1][1]) if came else None)(topic.take())
+# What was sent before the correction, and is read after it, does not count.
+sent_from = 0
+last_of = lambda topic, count: lambda: (lambda came: count(came[-1][1]) if came else None)([sent for sent in topic.take() if sent[0] >= sent_from])
 costmap, octomap = network.reader(f"{SPACE}/mapper/local_costmap", t.OccupancyGrid, "latched"), network.reader(f"{SPACE}/mapper/octomap", t.Octomap, "latched")
 looks = {
     "grid": in_grid,
@@ -288,7 +290,7 @@ def walls_of_all():
 
 wait_for(lambda: f"old walls in all topics but in {walls}", walls_of_all)
 wait_for("subscriber", corrected.is_heard)
-before, began = dict(walls), time.monotonic()
+before, began, sent_from = dict(walls), time.monotonic(), time.time_ns()
 corrected.write(t.Path(header(time.time(), "odom"), list(robot.poses)))
 
 
