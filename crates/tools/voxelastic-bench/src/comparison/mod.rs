@@ -92,7 +92,7 @@ pub fn run(workspace: &Workspace, data: &Path, quick: bool, save: &mut dyn FnMut
         found.total_s = clock.elapsed().as_secs_f64();
         save(found);
     };
-    moving::run(workspace, data, &interpreters, &mut found)?;
+    found.moving = moving::run(workspace, data, &interpreters, &mut found.skipped)?;
     maps(workspace, data, &peers, &mut found, &mut save)?;
     for recording in &RECORDINGS[..if quick { RECORDINGS.len() - 1 } else { RECORDINGS.len() }] {
         let options = slam::Options {

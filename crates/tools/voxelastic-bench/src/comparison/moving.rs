@@ -1,6 +1,5 @@
 //! Moving things, on real sweeps with labels, beside DUFOMap.
 
-use super::Comparison;
 use crate::data::missing_folder;
 use crate::error::Result;
 use crate::peers::environments::DUFOMAP;
@@ -33,18 +32,19 @@ pub struct MovingRun {
     pub user_lines: Option<usize>,
 }
 
-/// Adds what was found to `found`.
-pub(super) fn run(workspace: &Workspace, data: &Path, interpreters: &Interpreters, found: &mut Comparison) -> Result<()> {
+/// Runs both, and adds what was left out to `skipped`.
+pub(super) fn run(workspace: &Workspace, data: &Path, interpreters: &Interpreters, skipped: &mut Vec<String>) -> Result<Vec<MovingRun>> {
+    let mut found = Vec::new();
     let folder = data.join(RECORDING);
     if !folder.is_dir() {
-        found.skipped.push(missing_folder(RECORDING, &folder));
-        return Ok(());
+        skipped.push(missing_folder(RECORDING, &folder));
+        return Ok(found);
     }
     let python = match interpreters.of(&DUFOMAP) {
         Ok(python) => python,
         Err(why) => {
-            found.skipped.push(format!("DUFOMap: {why}"));
-            return Ok(());
+            skipped.push(format!("DUFOMap: {why}"));
+            return Ok(found);
         }
     };
     tracing::info!("{RECORDING}, what moves");
@@ -58,7 +58,7 @@ pub(super) fn run(workspace: &Workspace, data: &Path, interpreters: &Interpreter
         if let Ok(mut run) = serde_json::from_str::<MovingRun>(line) {
             if run.system.starts_with("Voxelastic") && run.moving_removed == 0.0 {
                 // Its poses are those of the camera, and `map` is not told so yet: points that are in another frame are not found again, which says nothing.
-                found.skipped.push(format!("Voxelastic: {RECORDING}: not scored, because its poses are those of the camera"));
+                skipped.push(format!("Voxelastic: {RECORDING}: not scored, because its poses are those of the camera"));
                 return;
             }
             if run.system.starts_with("Voxelastic") {
@@ -67,13 +67,13 @@ pub(super) fn run(workspace: &Workspace, data: &Path, interpreters: &Interpreter
             } else {
                 run.user_lines = peer_lines;
             }
-            found.moving.push(run);
+            found.push(run);
         }
     })?;
     if outcome != Outcome::Success {
-        found.skipped.push(format!("DUFOMap: {RECORDING}: {outcome:?}"));
+        skipped.push(format!("DUFOMap: {RECORDING}: {outcome:?}"));
     }
     workspace.remove_scratch("moving.vox");
     workspace.remove_scratch("moving.ply");
-    Ok(())
+    Ok(found)
 }
