@@ -113,9 +113,10 @@ fn fill_between(cells: &Cells, floor: &mut [FloorCell]) {
         let distance = a.min(b) as f32 * cells.edge as f32;
         let sigma = one.sigma.max(other.sigma).hypot(DRIFT * distance);
         let has_voxels = (floor[cell].height - height).abs() <= SAME_HEIGHT;
-        Some(match has_voxels {
-            true => FloorCell { height, sigma, known: Known::Seen, ..floor[cell] },
-            false => FloorCell { height, sigma, top: height, known: Known::Between, ..FloorCell::NONE },
+        Some(if has_voxels {
+            FloorCell { height, sigma, known: Known::Seen, ..floor[cell] }
+        } else {
+            FloorCell { height, sigma, top: height, known: Known::Between, ..FloorCell::NONE }
         })
     };
     let filled: Vec<Option<FloorCell>> = (0..floor.len()).map(fill).collect();

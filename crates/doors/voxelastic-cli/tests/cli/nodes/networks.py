@@ -3,6 +3,13 @@ are those of dds_types in both: written by Cyclone's own encoder, which is that 
 import json
 import time
 
+from cyclonedds.core import Policy, Qos
+from cyclonedds.domain import DomainParticipant
+from cyclonedds.pub import DataWriter
+from cyclonedds.sub import DataReader
+from cyclonedds.topic import Topic
+from cyclonedds.util import duration
+
 PATIENCE = 120.0
 #: As a client of rmw_cyclonedds says whose a request is.
 CLIENT = 77
@@ -10,10 +17,6 @@ CLIENT = 77
 
 class Cyclone:
     def __init__(self, domain):
-        from cyclonedds.core import Policy, Qos
-        from cyclonedds.domain import DomainParticipant
-        from cyclonedds.util import duration
-
         self.participant, self.number = DomainParticipant(domain), 0
         reliable, volatile = Policy.Reliability.Reliable(duration(seconds=1)), Policy.Durability.Volatile
         self.profiles = {
@@ -23,20 +26,12 @@ class Cyclone:
         }
 
     def _writer(self, name, kind, profile):
-        from cyclonedds.pub import DataWriter
-        from cyclonedds.topic import Topic
-
         return DataWriter(self.participant, Topic(self.participant, name, kind), qos=self.profiles[profile])
 
     def _reader(self, name, kind, profile):
-        from cyclonedds.sub import DataReader
-        from cyclonedds.topic import Topic
-
         return DataReader(self.participant, Topic(self.participant, name, kind), qos=self.profiles[profile])
 
     def writer(self, name, kind, profile="usual"):
-        from cyclonedds.util import duration
-
         writer = self._writer(f"rt/{name}", kind, profile)
         writer.is_heard = lambda: bool(writer.get_matched_subscriptions())
         writer.wait = lambda: writer.wait_for_acks(duration(seconds=PATIENCE))
@@ -95,7 +90,7 @@ class Zenoh:
         return f"0/{name}/{package}::{folder}::dds_::{base}_/{self.hash_of(f'{package}/{folder}/{base}')}"
 
     def announce(self, role, name, kind):
-        _, _, typename, type_hash = [f"%{name.replace('/', '%')}", *self.key(name, kind).rsplit("/", 2)[-3:]]
+        _, typename, type_hash = self.key(name, kind).rsplit("/", 2)
         number = len(self.tokens)
         token = f"@ros2_lv/0/{self.session.zid()}/0/{number}/{role}/%/%/robot/%{name.replace('/', '%')}/{typename}/{type_hash}/::,10:,:,:,,"
         self.tokens.append(self.session.liveliness().declare_token(token))

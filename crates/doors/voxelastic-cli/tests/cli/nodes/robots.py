@@ -290,7 +290,7 @@ def walls_of_all():
 
 wait_for(lambda: f"old walls in all topics but in {walls}", walls_of_all)
 wait_for("subscriber", corrected.is_heard)
-before, began, sent_from = dict(walls), time.monotonic(), time.time_ns()
+before, began, sent_from = {**walls, "grid": before}, time.monotonic(), time.time_ns()
 corrected.write(t.Path(header(time.time(), "odom"), list(robot.poses)))
 
 

@@ -126,6 +126,7 @@ fn is_mapped_and_told_what_is_wrong(network_flags: &str, network: Network) {
     assert!(said.contains("the frame nonsense is not connected with the map; the frames are: base_link, imu_link, lidar, map, odom"), "{said}");
     // Old walls go from all topics within 2 s on a machine that has time, as is promised, in some seconds beside other tests; what is large is read slowly by the robot itself.
     let old = &seen["old_walls"];
+    assert!(old["before"]["grid"].as_u64() > Some(50), "{seen}");
     for (topic, most) in [("grid", 10.0), ("local_costmap", 10.0), ("octomap", 30.0), ("surface", 30.0)] {
         assert!(old["before"][topic].as_u64() > Some(0), "{topic}: {seen}");
         assert!(old["gone_s"][topic].as_f64().is_some_and(|seconds| seconds < most), "{topic}: {seen}");
