@@ -51,16 +51,11 @@ pub(super) fn run(workspace: &Workspace, data: &Path, interpreters: &Interpreter
     let (map, removed) = (workspace.scratch("moving.vox").display().to_string(), workspace.scratch("moving.ply").display().to_string());
     let folder = folder.display().to_string();
     let dynamic = ["--dynamic", "remove", "--dynamic-points", &removed, "--threads", "1", "--json", "-o", &map];
-    let answer = workspace.run_json(&[words(&["map", &folder, "--poses", "poses.txt"]), words(&dynamic)].concat())?;
+    let answer = workspace.run_json(&[words(&["map", &folder]), words(&dynamic)].concat())?;
     let script = write_adapter(workspace, SCRIPT.0, SCRIPT.1)?.display().to_string();
     let peer_lines = user_lines(SCRIPT.1);
     let outcome = run_lines(&python, &[script, "--json".to_owned(), folder, removed], LIMIT, |line| {
         if let Ok(mut run) = serde_json::from_str::<MovingRun>(line) {
-            if run.system.starts_with("Voxelastic") && run.moving_removed == 0.0 {
-                // Its poses are those of the camera, and `map` is not told so yet: points that are in another frame are not found again, which says nothing.
-                skipped.push(format!("Voxelastic: {RECORDING}: not scored, because its poses are those of the camera"));
-                return;
-            }
             if run.system.starts_with("Voxelastic") {
                 // Mapping and all, while the peer only removes.
                 run.cpu_ms = answer.pointer("/integrate_cpu_ms/mean").and_then(serde_json::Value::as_f64);

@@ -72,8 +72,8 @@ fn environment(folder: &Path, package: &Package) -> Result<String, String> {
 
 /// A Python of this version: on the path, or one of those that pyenv keeps.
 fn interpreter(version: &str) -> Option<String> {
-    let home = std::env::var_os("PYENV_ROOT").map(PathBuf::from).or_else(|| Some(Path::new(&std::env::var_os("HOME")?).join(".pyenv")));
-    let kept = home.and_then(|home| std::fs::read_dir(home.join("versions")).ok());
+    let pyenv = std::env::var_os("PYENV_ROOT").map(PathBuf::from).or_else(|| Some(Path::new(&std::env::var_os("HOME")?).join(".pyenv")));
+    let kept = pyenv.and_then(|pyenv| std::fs::read_dir(pyenv.join("versions")).ok());
     let kept = kept.into_iter().flatten().filter_map(Result::ok).map(|entry| entry.path());
     let of_version = |folder: &PathBuf| folder.file_name().is_some_and(|name| name.to_string_lossy().starts_with(&format!("{version}.")));
     let mut candidates = vec![format!("python{version}")];
