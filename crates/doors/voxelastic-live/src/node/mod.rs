@@ -40,7 +40,7 @@ use source::Source;
 use std::path::PathBuf;
 use std::sync::mpsc::channel;
 use std::time::Instant;
-use voxelastic::settings::Settings;
+use voxelastic::settings::{FieldKind, Settings};
 use voxelastic_io::OpenOptions;
 use voxelastic_run::keep::{CheckpointEvery, Identity, Resume, SaveOptions, Target, Unfinished};
 use voxelastic_run::poses::Poses;
@@ -142,6 +142,9 @@ pub fn play(setup: &Setup, from: ScansFrom, progress: &mut dyn FnMut(&Mapping)) 
     }
     let watch = if early.is_some() { early } else { setup.watch(&requests)? };
     let explores = setup.planner.is_some();
+    if network.is_some() && setup.settings.field == FieldKind::Occupancy {
+        tracing::warn!("{}", voxelastic_run::export::grid::NO_SURFACES);
+    }
     let offers = setup.network.as_ref().map(|network_setup| Offers::announce(network_setup, network.as_mut(), &requests, explores));
     let exploring = setup.planner.map(Exploring::start).transpose()?;
     let on_network = offers.transpose()?.flatten().zip(setup.network.as_ref()).map(|(mut offers, network_setup)| {

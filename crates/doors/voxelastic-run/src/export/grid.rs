@@ -5,6 +5,7 @@ use serde::Serialize;
 use std::path::{Path, PathBuf};
 use voxelastic::atlas::Atlas;
 use voxelastic::field::occupancy::State;
+use voxelastic::query::{AtlasQuery, DistanceQuery};
 use voxelastic_ground::{Body, Cells, Grid, Ground, GroundError, Known, Storey};
 use voxelastic_io::Origin;
 use voxelastic_io::raster::Raster;
@@ -75,11 +76,17 @@ pub struct ConnectionKeys {
     pub step_m: f64,
 }
 
-/// The ground of a map for a robot. To be called in a pool.
+/// What is said of a map without surfaces.
+pub const NO_SURFACES: &str = "the map has no surfaces, so a floor may seem to go on for half a metre beyond an edge that falls away: map with --field both where there are platforms, stairs or kerbs";
+
+/// The ground of a map for a robot; of one without surfaces it warns. To be called in a pool.
 ///
 /// # Errors
 /// As [`Ground::of`], with the name of the map.
 pub fn ground_of(atlas: &Atlas, map: &Path, resolution: Option<f64>, body: &Body) -> Result<Ground> {
+    if DistanceQuery::new(atlas).is_empty() && !AtlasQuery::new(atlas).is_empty() {
+        tracing::warn!("{}: {NO_SURFACES}", map.display());
+    }
     // The setting as a decimal number: 0.065 and not its nearest single-precision number.
     let finest = atlas.voxel_size().to_string().parse().unwrap_or_else(|_| f64::from(atlas.voxel_size()));
     Ground::of(atlas, resolution.unwrap_or(finest), body).map_err(|error| {

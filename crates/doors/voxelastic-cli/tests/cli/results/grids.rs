@@ -1,6 +1,6 @@
 //! 2-D maps for robots.
 
-use crate::{fails, json, room, works};
+use crate::{fails, json, room, run, works};
 use std::path::Path;
 use std::process::Command;
 
@@ -58,6 +58,9 @@ fn what_cannot_be_a_2d_map_is_refused() {
     works(dir.path(), "map room -o surfaces.vox --voxel-size 0.1 --max-range 20");
     fails(dir.path(), "export surfaces.vox -o map.yaml", 1, &["no occupancy", "--field both"]);
     works(dir.path(), "map room --voxel-size 0.1 --max-range 20 --field occupancy");
+    // Where floors end is known from surfaces only.
+    let said = run(dir.path(), "export room.vox -o map.yaml");
+    assert!(said.code == Some(0) && said.err.contains("the map has no surfaces") && said.err.contains("--field both"), "{}", said.err);
     fails(dir.path(), "export room.vox -o map.yaml --resolution 0.01", 2, &["cells of 0.01 m", "0.05"]);
     fails(dir.path(), "export room.vox -o map.yaml --step 3", 2, &["largest step is 3"]);
     fails(dir.path(), "export room.vox -o map.yaml --voxel-size 0.2", 2, &["--resolution"]);
