@@ -7,34 +7,23 @@ import time
 from pathlib import Path
 
 import numpy
-from cyclonedds.core import Policy, Qos
-from cyclonedds.domain import DomainParticipant
-from cyclonedds.pub import DataWriter
-from cyclonedds.sub import DataReader
-from cyclonedds.topic import Topic
-from cyclonedds.util import duration
-
 import dds_types as t
 import lidar
+import networks
 
-RELIABLE = Policy.Reliability.Reliable(duration(seconds=1))
-LATCHED = Qos(RELIABLE, Policy.Durability.TransientLocal, Policy.History.KeepLast(1))
-USUAL = Qos(RELIABLE, Policy.Durability.Volatile, Policy.History.KeepLast(200))
 RAYS, ROOM, PERSON = lidar.rays(64, 512), ((-6.0, -3.0, -0.6), (8.0, 3.0, 2.4)), ((1.8, 1.0, -0.6), (2.2, 1.4, 1.2))
 SPEED, COMES, GOES, ENDS = 0.3, 7.0, 11.0, 18.0
 RADIUS, REACH, SCALING, SIZE = 0.25, 0.7, 3.0, 5.0
 
-participant, folder = DomainParticipant(int(sys.argv[1])), Path(sys.argv[2])
-writer = lambda name, kind, qos: DataWriter(participant, Topic(participant, f"rt/{name}", kind), qos=qos)
-reader = lambda name, kind, qos: DataReader(participant, Topic(participant, f"rt/{name}", kind), qos=qos)
+network, folder = networks.join(sys.argv[1]), Path(sys.argv[2])
 header = lambda s, frame: t.Header(t.Time(int(s), int(s % 1 * 1e9)), frame)
 place = lambda x, z: t.Pose(t.Vector(x, 0.0, z), t.Quaternion(0.0, 0.0, 0.0, 1.0))
 
-fixed, transforms = writer("tf_static", t.TFMessage, LATCHED), writer("tf", t.TFMessage, USUAL)
-points, odometry = writer("points", t.PointCloud2, USUAL), writer("odom", t.Odometry, USUAL)
-local = reader("mapper/local_costmap", t.OccupancyGrid, LATCHED)
-whole = {name: reader(f"mapper/{name}", t.OccupancyGrid, LATCHED) for name in ("grid", "global_costmap")}
-diagnostics, marks = reader("diagnostics", t.Diagnostics, USUAL), []
+fixed, transforms = network.writer("tf_static", t.TFMessage, "latched"), network.writer("tf", t.TFMessage)
+points, odometry = network.writer("points", t.PointCloud2), network.writer("odom", t.Odometry)
+local = network.reader("mapper/local_costmap", t.OccupancyGrid, "latched")
+whole = {name: network.reader(f"mapper/{name}", t.OccupancyGrid, "latched") for name in ("grid", "global_costmap")}
+diagnostics, marks = network.reader("diagnostics", t.Diagnostics), []
 fields, zero = [t.PointField(name, 4 * k, 7, 1) for k, name in enumerate("xyz")], t.Vector(0.0, 0.0, 0.0)
 fixed.write(t.TFMessage([t.TransformStamped(header(0, "base_link"), "lidar", place(0.2, 0.4))]))
 
@@ -52,16 +41,16 @@ while start is None or time.time() < start + ENDS or len(last) < len(whole):
     if k % 4 == 0:
         data = lidar.scan(RAYS, ROOM, x + 0.2, 0.0, 0.0, [PERSON] if COMES < driven < GOES else []).tobytes()
         points.write(t.PointCloud2(header(now, "lidar"), 64, 512, fields, False, 12, 12 * 512, data, True))
-    for message in local.take(N=10):
+    for _, message in local.take():
         if not came:
             start = now
         came.append((time.time(), message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec, message))
-    for message in diagnostics.take(N=10):
+    for _, message in diagnostics.take():
         mapped = next((int(pair.value) for status in message.status for pair in status.values if pair.key == "scans"), None)
         if came and mapped is not None:
             marks.append((mapped, len(came)))
     for name, topic in whole.items():
-        for message in topic.take(N=10):
+        for _, message in topic.take():
             last[name] = message
     k += 1
     time.sleep(max(0.0, begin + 0.025 * k - time.time()))

@@ -17,7 +17,7 @@ CLIENT = 77
 
 class Cyclone:
     def __init__(self, domain):
-        self.participant, self.number = DomainParticipant(domain), 0
+        self.participant, self.number, self.clients = DomainParticipant(domain), 0, {}
         reliable, volatile = Policy.Reliability.Reliable(duration(seconds=1)), Policy.Durability.Volatile
         self.profiles = {
             "latched": Qos(reliable, Policy.Durability.TransientLocal, Policy.History.KeepLast(1)),
@@ -41,10 +41,12 @@ class Cyclone:
         return CycloneReader(self._reader(f"rt/{name}", kind, profile))
 
     def call(self, service, request, response, *arguments):
-        """As rmw_cyclonedds does; asked again until it is heard."""
+        """As rmw_cyclonedds does, by a client that is kept; asked again until it is heard."""
+        if service not in self.clients:
+            self.clients[service] = self._writer(f"rq/{service}Request", request, "usual"), self._reader(f"rr/{service}Reply", response, "usual")
+        asks, answers = self.clients[service]
         until = time.monotonic() + PATIENCE
         while time.monotonic() < until:
-            asks, answers = self._writer(f"rq/{service}Request", request, "usual"), self._reader(f"rr/{service}Reply", response, "usual")
             matched = time.monotonic() + 5.0
             while not (asks.get_matched_subscriptions() and answers.get_matched_publications()) and time.monotonic() < matched:
                 time.sleep(0.02)
